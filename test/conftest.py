@@ -29,6 +29,14 @@ PROFILE = os.environ.get("HYPOTHESIS_PROFILE", "repeatable")
 settings.load_profile(PROFILE)
 
 
+@pytest.fixture
+def umask_of_nodes():
+    """Write as nodes do, whoever starts them (test/nodes/test_process.py)."""
+    before = os.umask(0o027)
+    yield
+    os.umask(before)
+
+
 def pytest_collection_modifyitems(config, items):
     """With few examples, a test of many rows has its first and its last one."""
     if PROFILE != "few":

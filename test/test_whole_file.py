@@ -61,3 +61,13 @@ def test_what_cannot_be_written_is_named_as_it_was_asked_for(tmp_path):
     with pytest.raises(FileNotFoundError) as told:
         write_whole(tmp_path / "no" / "report.html", "text")
     assert told.value.filename == str(tmp_path / "no" / "report.html")
+
+
+@pytest.mark.usefixtures("umask_of_nodes")
+@pytest.mark.parametrize("others", [0o666, 0o644], ids=oct)
+@pytest.mark.parametrize("name", ["x", ".x.part"], ids=["replaced", "left by a killed process"])
+def test_its_mode_is_that_of_a_new_file(tmp_path, name, others):
+    (tmp_path / name).write_text("old")
+    (tmp_path / name).chmod(others)
+    write_whole(tmp_path / "x", "new")
+    assert (oct((tmp_path / "x").stat().st_mode & 0o777), (tmp_path / "x").read_text()) == ("0o640", "new")

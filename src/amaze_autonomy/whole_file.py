@@ -39,9 +39,14 @@ def write_whole(path: Path, content: Union[str, bytes, Iterable[bytes]]) -> None
 
 @contextmanager
 def whole(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file for writing that takes its place when it is whole; after an error nothing is left beside it."""
+    """Open a file for writing that takes its place when it is whole; after an error nothing is left beside it.
+
+    Its mode is that of a new file, whatever mode has what was there, or what a killed process left beside it.
+    """
     part = temporary_name(path)
     try:
+        with suppress(FileNotFoundError):
+            part.unlink()
         with part.open("wb") as file:
             yield file
             file.flush()

@@ -1,13 +1,14 @@
-"""Stretches of files, read before they are wanted."""
+"""Stretches of files, read before they are wanted; who may read what is written of them."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 
 import pytest
 
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.bags.write import Ahead, Stretch
+from amaze_autonomy.bags.write import Ahead, Output, Stretch
 
 MEGABYTE = 1 << 20
 
@@ -64,3 +65,23 @@ def test_an_input_that_became_shorter_is_named(ahead, file):
         shortened.truncate(MEGABYTE + 5)
     with pytest.raises(BagError, match="became shorter"):
         whole(ahead, Stretch(number, 0, 2 * MEGABYTE))
+
+
+@pytest.mark.usefixtures("umask_of_nodes")
+@pytest.mark.parametrize("others", [0o666, 0o644], ids=oct)
+@pytest.mark.parametrize("name", ["x.bag", ".x.bag.part"], ids=["replaced", "left by a killed process"])
+def test_the_mode_of_a_bag_is_that_of_a_new_file(tmp_path, name, others):
+    (tmp_path / name).write_bytes(b"old")
+    (tmp_path / name).chmod(others)
+    with Output(tmp_path / "x.bag", replace=True) as output:
+        output.close({})
+    assert [(path.name, oct(path.stat().st_mode & 0o777)) for path in tmp_path.iterdir()] == [("x.bag", "0o640")]
+
+
+def test_what_another_process_writes_is_not_taken_for_what_a_killed_one_left(tmp_path):
+    part = tmp_path / ".x.bag.part"
+    with part.open("wb") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        with pytest.raises(BagError, match="is being written by another process"):
+            Output(tmp_path / "x.bag")
+        assert os.path.samestat(os.fstat(other.fileno()), part.stat())

@@ -33,6 +33,23 @@ def lines(folder):
     return (folder / "journal.jsonl").read_text().split("\n")
 
 
+@pytest.mark.usefixtures("umask_of_nodes")
+@pytest.mark.parametrize("umask", [0o000, 0o022, 0o027], ids=oct)
+def test_it_is_for_user_and_group_also_where_it_goes_on_elsewhere(tmp_path, umask):
+    """Whoever has it made, and whatever an earlier process left where it is made."""
+    os.umask(umask)
+    half = tmp_path / ".journal.jsonl.new"
+    half.write_text("left")
+    half.chmod(0o666 & ~umask)
+    journal = create(tmp_path, HEADER, lambda: [tmp_path / "elsewhere"])
+    (tmp_path / "elsewhere").mkdir()
+    journal.path.rename(tmp_path / "moved")
+    assert journal.follow()
+    journal.close()
+    found = [tmp_path / "moved", journal.path]
+    assert [oct(path.stat().st_mode & 0o777) for path in found] == ["0o640", "0o640"]
+
+
 @pytest.mark.usefixtures("journal")
 def test_it_appears_with_its_header(tmp_path):
     assert lines(tmp_path) == [HEADER, ""]

@@ -10,6 +10,7 @@ import errno
 import fcntl
 import os
 from collections import deque
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Deque, Dict, Iterable, Iterator, List, NamedTuple, Optional, Tuple
 
@@ -140,6 +141,7 @@ class Output:
         self._batch: List[Any] = []
         self._waiting = 0
         self._ahead = Ahead(path)
+        _remove_left(self._part)
         try:
             self._file = os.open(self._part, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
@@ -300,6 +302,18 @@ def index_of(connections: Dict[int, Connection], infos: List[bytes]) -> bytes:
         for number, each in sorted(connections.items())
     ]
     return b"".join([*records, *infos])
+
+
+def _remove_left(part: Path) -> None:
+    """Remove what a killed process left, unless another one writes it: who may read it was decided by its umask."""
+    with suppress(OSError):
+        file = os.open(part, os.O_RDWR | os.O_CLOEXEC)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _same(file, part):
+                part.unlink()
+        finally:
+            os.close(file)
 
 
 def _same(file: int, path: Path) -> bool:

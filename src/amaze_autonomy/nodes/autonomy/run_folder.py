@@ -503,7 +503,9 @@ def create(folder: Path, header: str, elsewhere: Elsewhere) -> JournalFile:
     """
     path, half = folder / JOURNAL_NAME, folder / f".{JOURNAL_NAME}.new"
     try:
-        descriptor = os.open(half, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, _MODE)
+        with suppress(FileNotFoundError):
+            half.unlink()  # of a process that was killed, with a mode of its own
+        descriptor = os.open(half, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _MODE)
         os.write(descriptor, header.encode() + b"\n")
         os.fsync(descriptor)
         _lock(descriptor, path)

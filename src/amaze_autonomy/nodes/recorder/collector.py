@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import os
 import shutil
 import threading
 import time
@@ -24,7 +23,7 @@ from amaze_autonomy.recording import status as asked
 from amaze_autonomy.recording.collector import Exchange, Offset, best, correction_ns
 from amaze_autonomy.recording.programs import misplaced
 from amaze_autonomy.recording.storage import read_json, remove_part, session_name, write_json
-from amaze_autonomy.whole_file import sync_folder
+from amaze_autonomy.whole_file import whole
 
 from ...ros.errors import CallError
 from ...ros.interface import ros_time
@@ -442,9 +441,5 @@ class Collection:
 
 def _copy(source: Path, target: Path) -> None:
     """Copy a file so that the target is the old one or the new one."""
-    half = target.with_name(f".{target.name}.part")
-    shutil.copyfile(source, half)
-    with half.open("rb") as file:
-        os.fsync(file.fileno())
-    half.replace(target)
-    sync_folder(target.parent)
+    with source.open("rb") as original, whole(target) as copy:
+        shutil.copyfileobj(original, copy)
