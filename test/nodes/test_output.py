@@ -57,6 +57,22 @@ def test_what_an_earlier_run_left_in_a_named_folder_is_kept(tmp_path):
     assert not (tmp_path / "journal.jsonl").exists()
 
 
+@pytest.mark.usefixtures("umask_of_nodes")
+def test_folders_of_runs_and_results_are_for_user_and_group(home):
+    named = home / "named" / "run"
+    for _ in range(2):
+        folders = [run_folder.make_folder(Place(str(named)), "label"), run_folder.make_folder(Place(), "label")]
+        for folder in folders:
+            run_folder.create(folder, '{"kind":"header"}', Place().elsewhere).close()
+            run_folder.write_result(folder, {"in_flight": False})
+    run_folder.register("label", named / "journal.jsonl")
+    (removed,) = Place().elsewhere()
+    found = {each for each in home.rglob("*") if not each.is_symlink()}
+    assert {oct(each.stat().st_mode & 0o777) for each in (home, *found) if each.is_dir()} == {"0o750"}
+    assert {oct(each.stat().st_mode & 0o777) for each in found if each.is_file()} == {"0o640"}
+    assert found >= {named / "earlier" / "journal.jsonl", named / "result.json", home / "journals", removed}
+
+
 def test_a_folder_that_cannot_be_made_is_one_clear_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StartError, match="name another one with --output"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import sys
 import threading
 import time
@@ -100,18 +101,25 @@ def test_what_is_subscribed_and_published_is_what_the_master_says():
     assert (Subscriptions().missing("/record", ("/a",)), Subscriptions().silent(("/a",))) == (None, False)
 
 
+def modes(folder, pattern):
+    return {oct(path.stat().st_mode & 0o777) for path in folder.glob(pattern)}
+
+
 def left(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
+@pytest.mark.usefixtures("umask_of_nodes")
 def test_what_is_kept_is_read_again_and_what_cannot_be_read_is_put_aside(tmp_path):
     memory = RecorderMemory(tmp_path / "state.json")
     assert memory.read() == (None, False)
     memory.keep({"platform": {"a": 1}})
     content, same_boot = RecorderMemory(memory.path).read()
     assert (content["platform"], same_boot) == ({"a": 1}, True)
+    assert modes(tmp_path, "state.json") == {"0o640"}
     memory.put_aside()
     assert left(tmp_path) == ["state.json.bad"]
+    assert modes(tmp_path, "state.json.bad") == {"0o640"}
 
 
 def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_path):
@@ -243,6 +251,33 @@ def test_the_journal_of_a_session_is_found_by_its_label_and_copied(tmp_path):
     journal.close()
 
 
+@pytest.mark.usefixtures("ros_home", "umask_of_nodes")
+@pytest.mark.parametrize("mode", [0o666, 0o644], ids=oct)
+def test_what_is_copied_into_a_session_is_for_user_and_group_whoever_may_read_the_original(tmp_path, mode):
+    run, session = tmp_path / "run", tmp_path / "s1_m"
+    run.mkdir()
+    session.mkdir()
+    shutil.copytree(config_folder(), tmp_path / "config")
+    journal = create(run, '{"kind":"header","version":1}', Place().elsewhere)
+    journal.close()
+    register("20261121T041730", journal.path)
+    for path in (journal.path, *(each for each in (tmp_path / "config").rglob("*") if each.is_file())):
+        path.chmod(mode)
+    (session / "journal.jsonl").write_text("of an earlier copy")
+    (session / "journal.jsonl").chmod(mode)
+    (session / ".journal.jsonl.part").write_text("of one that was killed")
+    (session / ".journal.jsonl.part").chmod(mode)
+    collection = Collection(load_configuration(tmp_path / "config"), {})
+    collection.copy_journal(session, "20261121T041730-002")
+    folders = [session, *(path for path in session.rglob("*") if path.is_dir())]
+    files = [path for path in session.rglob("*") if path.is_file()]
+    assert {oct(path.stat().st_mode & 0o777) for path in folders} == {"0o750"}
+    assert {oct(path.stat().st_mode & 0o777) for path in files} == {"0o640"}
+    copies = {str(path.relative_to(session)) for path in files}
+    assert copies > {"journal.jsonl", "configuration/effective.json", "configuration/sensors.yaml"}
+    assert any(name.startswith("configuration/trajectories/") for name in copies)
+
+
 def test_no_other_file_is_copied_into_a_session_whoever_names_it(tmp_path, ros_home):
     secret, fifo = tmp_path / "shadow", tmp_path / "journal.jsonl"
     secret.write_text("root:$6$secret")
@@ -285,10 +320,12 @@ def made(pages, session, said, most=1):
 
 
 @pytest.mark.live
+@pytest.mark.usefixtures("umask_of_nodes")
 def test_a_finished_recording_gets_its_page_once_by_a_process_of_its_own(session):
     said = []
     pages = FlightPages(lambda words, there: said.append((words, there)))
     assert made(pages, session, said) == [(str(session / "flight.html"), True)]
+    assert modes(session, "flight.html") == {"0o640"}
     (session / "flight.html").unlink()
     pages.add(session)
     pages.stop()
@@ -358,6 +395,18 @@ def children(tmp_path):
     (tmp_path / "part").mkdir()
     found.enter(tmp_path / "part")
     return found
+
+
+@pytest.mark.usefixtures("umask_of_nodes")
+def test_the_part_of_a_session_with_what_its_recorders_say_is_for_user_and_group(tmp_path, children):
+    """Recorders have the umask of who starts them."""
+    (tmp_path / "record").write_text(f"#!/bin/sh\ntouch {tmp_path}/s1_m/main/one-01.bag\n")
+    children.enter(tmp_path / "s1_m" / "main")
+    assert children.start("one", 1) == ""
+    children.wait(("one",), 10.0)
+    assert modes(tmp_path, "s1_m") == modes(tmp_path, "s1_m/main") == {"0o750"}
+    assert left(tmp_path / "s1_m" / "main") == ["one-01.bag", "one.log"]
+    assert modes(tmp_path, "s1_m/main/*") == {"0o640"}
 
 
 @pytest.mark.parametrize("there", ["one-02.bag", "one-02.bag.active", "one-02_0.bag", "one-02.bag.undo"])

@@ -51,6 +51,18 @@ def killed(folder, name, *streams, cut=None):
     return folder / name
 
 
+def modes(folder):
+    """Return the mode of a folder and of all below it, by name."""
+    found = (folder, *sorted(folder.rglob("*")))
+    return {str(path.relative_to(folder)): f"{path.stat().st_mode & 0o777:04o}" for path in found}
+
+
+def open_to_others(folder, umask):
+    """Give a folder and all below it the modes that they have from who has this umask; their content stays."""
+    for path in (folder, *folder.rglob("*")):
+        path.chmod((0o777 if path.is_dir() else 0o666) & ~umask)
+
+
 @contextmanager
 def small_storage(folder: Path, megabytes: int):
     """Mount a small storage that can become full; root only."""

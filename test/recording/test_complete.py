@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 from bag_tools import contents, digest, multiset, rows
-from part_tools import FACTS, killed, part, plan, small_storage, two_platforms
+from part_tools import FACTS, killed, modes, open_to_others, part, plan, small_storage, two_platforms
 from replay_bags import START_NS, write_empty_bag
 
 from amaze_autonomy.bags.errors import BagError
@@ -277,3 +277,41 @@ def test_a_full_storage_leaves_the_parts_as_they_were_and_a_retry_works(tmp_path
         assert not (session / "s1_m.bag").exists()
         filling.unlink()
         assert collect(plan(session)).messages == 6000
+
+
+@pytest.mark.usefixtures("umask_of_nodes")
+def test_a_session_is_for_its_user_and_group_and_so_is_what_is_made_again(tmp_path):
+    """One bag was left open, and is closed where it lies; another one's index is damaged, it is recovered beside it."""
+    session = two_platforms(tmp_path)
+    killed(session / "main", "states-02.bag.active", rows("/a", 50, first_ms=9000))
+    raw = (session / "second" / "realsense-01.bag").read_bytes()
+    (session / "second" / "realsense-01.bag").write_bytes(raw[:-40])
+    for name in ("main", "second"):
+        close_parts(session / name, {**FACTS, "platform": name})
+    collect(plan(session))
+    expected = {
+        **dict.fromkeys((".", "main", "second"), "0750"),
+        **dict.fromkeys(("s1_m.bag", "s1_m.manifest.json", "main/parts.json", "main/states-01.bag"), "0640"),
+        **dict.fromkeys(("main/states-02.bag", "main/states-02.bag.undo", "second/parts.json"), "0640"),
+        **dict.fromkeys(("second/realsense-01.bag", "second/realsense-01.recovered.bag"), "0640"),
+    }
+    assert modes(session) == expected
+
+
+@pytest.mark.usefixtures("umask_of_nodes")
+@pytest.mark.parametrize("umask", [0o000, 0o022], ids=oct)
+def test_what_replaces_a_file_that_others_may_read_is_for_user_and_group(tmp_path, umask):
+    """Made by hand before, where others may read; so is what a merge that was killed has left."""
+    session = two_platforms(tmp_path)
+    collect(plan(session))
+    part(session / "main", ("states-02.bag", [rows("/a", 10, first_ms=9000)]))  # it is to be made again
+    for name in (".s1_m.bag.part", ".s1_m.manifest.json.part", "main/.parts.json.part"):
+        (session / name).write_bytes(b"left")
+    open_to_others(session, umask)
+    close_parts(session / "main", FACTS)
+    assert collect(plan(session)).messages == 910
+    found = modes(session)
+    assert {name: found[name] for name in ("s1_m.bag", "s1_m.manifest.json", "main/parts.json")} == {
+        "s1_m.bag": "0640", "s1_m.manifest.json": "0640", "main/parts.json": "0640",
+    }  # fmt: skip
+    assert [name for name in found if name.endswith(".part")] == []

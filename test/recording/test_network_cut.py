@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from bag_tools import digest
-from part_tools import FACTS
+from part_tools import FACTS, modes, open_to_others
 
 pytest.importorskip("roslib")
 
@@ -142,9 +142,11 @@ def source_of(folder, monkeypatch):
     return folder
 
 
+@pytest.mark.usefixtures("umask_of_nodes")
 def test_a_transfer_over_a_network_that_is_cut_goes_on_where_it_was(hosts, monkeypatch):
     far, folder = hosts
     source, target = source_of(folder / "a disk" / PART, monkeypatch), folder / "here" / PART
+    open_to_others(source, 0o000)
     transfer = Transfer("rsync", OTHER, 2222, str(folder / "user"), "", RATE_MB_S, 2 * S)
     jobs, seen, problems = RecorderJobs(), [0.0], []
 
@@ -173,6 +175,7 @@ def test_a_transfer_over_a_network_that_is_cut_goes_on_where_it_was(hosts, monke
     rest_s, rest = time.monotonic() - again_s, received() - before
     assert rest < (MEGABYTES << 20) - kept // 2, "it began anew instead of going on"
     assert check_arrived(target)["files"][0]["sha256"] == digest(target / "realsense-01.bag")
+    assert modes(target) == {".": "0750", PARTS: "0640", "realsense-01.bag": "0640"}
     assert digest(source / "realsense-01.bag") == digest(target / "realsense-01.bag")
     print(
         f"{MEGABYTES} MiB at {RATE_MB_S} MB/s: cut after {cut_s - began:.1f} s, noticed after {noticed_s:.1f} s, "

@@ -1,10 +1,12 @@
 """The command line of rsync, which never sees a shell, and what its output says."""
 
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+from part_tools import modes, open_to_others
 
 from amaze_autonomy.config.schemas.recording import Transfer
 from amaze_autonomy.recording.programs import misplaced, problem_of, progress_of, transfer_command
@@ -12,6 +14,7 @@ from amaze_autonomy.recording.programs import misplaced, problem_of, progress_of
 pytestmark = pytest.mark.live
 
 NAMES, TARGET = Path("/here/.wanted"), Path("/here")
+PART = "s1_m/second"
 S = 1_000_000_000
 
 
@@ -42,6 +45,24 @@ def test_a_key_file_never_breaks_out_of_its_word(tmp_path, name):
     )
     given = told.read_text().split("\0")
     assert given[given.index("-i") + 1 :][:2] == [f"/k/{name}", "second"]
+
+
+@pytest.mark.usefixtures("umask_of_nodes")
+@pytest.mark.parametrize("umask", [0o000, 0o022], ids=oct)
+def test_what_rsync_fetches_is_for_user_and_group_whoever_may_read_it_there(tmp_path, umask):
+    if shutil.which("rsync") is None:
+        pytest.skip("NOT TESTED: there is no rsync")
+    there, here, names = tmp_path / "disk" / PART, tmp_path / "here" / PART, tmp_path / "names"
+    for folder in (there, here):
+        folder.mkdir(parents=True)
+    (there / "a-01.bag").write_bytes(b"a bag")
+    (there / "parts.json").write_bytes(b"{}")
+    (here / "parts.json").write_bytes(b"of an earlier try")
+    names.write_text("a-01.bag\nparts.json\n")
+    open_to_others(there, umask)
+    subprocess.run(transfer_command(Transfer("shared"), str(there), here, names), check=True)
+    assert modes(here) == {".": "0750", "a-01.bag": "0640", "parts.json": "0640"}
+    assert (here / "parts.json").read_bytes() == b"{}"
 
 
 def test_from_a_mounted_folder():
