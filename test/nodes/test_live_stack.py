@@ -1,7 +1,8 @@
-"""The laws are checked on every live flight: one that left no journal is no flight that kept them."""
+"""Laws and modes are checked on every live flight: one that left no journal is no flight that kept the laws."""
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -53,3 +54,16 @@ def test_a_journal_is_judged_wherever_the_run_left_it(stack, place):
     (folder / "journal.jsonl").write_text(header() + "damaged\n", encoding="ascii")
     with pytest.raises(ValueError, match="damaged"):
         stack.check_laws()
+
+
+@pytest.mark.parametrize("name, mode", [(".", 0o755), ("journal.jsonl", 0o644), ("journal.jsonl", 0o600)])
+def test_what_others_may_read_or_the_group_may_not_is_named(stack, name, mode):
+    stack.output = stack.output / "out"
+    stack.output.mkdir()
+    (stack.output / "journal.jsonl").write_text(header(), encoding="ascii")
+    for each, right in ((".", 0o750), ("journal.jsonl", 0o640)):
+        (stack.output / each).chmod(right)
+    assert stack.check_modes() == [stack.output / "journal.jsonl"]
+    (stack.output / name).chmod(mode)
+    with pytest.raises(AssertionError, match=f"'{re.escape(name)}': '0{mode:o}'"):
+        stack.check_modes()

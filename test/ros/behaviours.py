@@ -144,6 +144,7 @@ def _fly(behaviour: Behaviour, folder: Any, *, name: str = "", crippled: bool = 
         stack.stop()
         if not crippled:  # there the story must notice by itself
             stack.check_laws()
+            stack.check_modes()
     except AssertionError as error:
         if crippled:
             stack.remove()

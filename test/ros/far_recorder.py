@@ -56,12 +56,17 @@ class Distant(Recorders):
     def __init__(self, network: Network, name: str) -> None:
         self._network = network
         super().__init__(name, size=MESSAGE_BYTES, transfer=TRANSFER)
-        self.place, disk = self.storage / "second", self.folder / "disk of the far one"
-        for each in (self.place, disk):
+        self.place, self._disk = self.storage / "second", self.folder / "disk of the far one"
+        for each in (self.place, self._disk):
             each.mkdir(parents=True)
-        network.far.do("mount", "--bind", str(disk), str(self.place))
+            each.chmod(0o750)  # as a node makes it
+        network.far.do("mount", "--bind", str(self._disk), str(self.place))
         self.session = ""
-        self._far_state = disk / ".recorder-second.json"
+        self._far_state = self._disk / ".recorder-second.json"
+
+    @property
+    def written_in(self) -> List[Path]:
+        return [self.storage / "main", self._disk]
 
     def _spawn(self, platform: str, command: List[str], **more: Any) -> Any:
         if platform == "main":

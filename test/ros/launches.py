@@ -51,6 +51,8 @@ from amaze_autonomy.tester.command import main as replay
 
 launches = Behaviours()
 OF_A_FLIGHT = ("autonomy", "watchdog", "landing_detection", "state_estimation", "autopilot", "mission_planner")
+WRITTEN = {"journal.jsonl", "report.txt", "result.json", "flight.html", "parts.json", "effective.json"}
+WRITTEN |= {"NAME.bag", "NAME.manifest.json", "states-01.bag", "states.log", "sensors.yaml"}
 FOREIGN = """\
 import rospy, std_msgs.msg, std_srvs.srv
 rospy.init_node("{0}")
@@ -439,6 +441,8 @@ def each_has_its_page_and_its_journal(stack: Stack, recordings: Path) -> None:
         )
     shown = [state.result for before, state in zip(stack.states, stack.states[1:]) if ends(before, state)]
     assert shown == ["COMPLETE", "COMPLETE"], "who looked has not seen each result"
+    written = {re.sub(r"\d{8}T\d+-\d+_hop", "NAME", path.name) for path in stack.check_modes()}
+    assert written >= WRITTEN, WRITTEN - written
 
 
 def ends(before: Any, state: Any) -> bool:

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Sequence, Set
 
 import rosgraph
+from modes import PERMISSIVE, started_under
 from px4_vehicle import Px4Vehicle
 from stack import HERE, QUICK, Stack
 from tornado.httpclient import AsyncHTTPClient
@@ -153,6 +154,7 @@ def roslaunch(
     if group:
         command = ["roslaunch", "--screen", str(_in_group(stack, command[3:]))]
         del environment["ROS_NAMESPACE"]
+    command = started_under(PERMISSIVE, command)
     if terminal is not None:
         out = terminal.slave
         process = subprocess.Popen(

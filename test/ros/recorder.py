@@ -25,6 +25,7 @@ from typing import Any, Dict, List, Optional, Set
 import roslib.packages
 import rospy
 import rostest
+from modes import DEFAULT, PERMISSIVE, assert_modes, started_under
 from one_node import wait_for
 from std_msgs.msg import String
 
@@ -39,6 +40,7 @@ from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 PHASE = RecordingPhase
 PLATFORMS = ("main", "second")
+UMASKS = {"main": PERMISSIVE, "second": DEFAULT}  # of who starts the node of each
 RATE_HZ = 200
 CUTS = int(os.environ.get("AMAZE_CUTS", "3"))
 LOST_BY_A_CUT_S = 1.5
@@ -142,12 +144,18 @@ class Recorders:
             self.statuses.append(message)
             self._changed.notify_all()
 
+    @property
+    def written_in(self) -> List[Path]:
+        """The folders that the nodes write in."""
+        return [self.storage / each for each in PLATFORMS]
+
     def start_node(self, platform: str, **environment: str) -> None:
         rospy.set_param(f"/{self.name}/data_recorder_{platform}/platform", platform)
         command = [roslib.packages.find_node("amaze_autonomy", "data_recorder")[0], f"__name:=data_recorder_{platform}"]
         command += ["--config", str(self._config), "--folder", str(self.storage / platform)]
         variables = {**os.environ, "ROS_NAMESPACE": f"/{self.name}", **environment}
         with (self.folder / f"{platform}.log").open("ab") as log:
+            command = started_under(UMASKS[platform], command)
             self.nodes[platform] = self._spawn(platform, command, env=variables, stdout=log, stderr=log)
 
     def _spawn(self, _platform: str, command: List[str], **more: Any) -> subprocess.Popen[bytes]:
@@ -220,7 +228,11 @@ class Recorders:
         for path in self.storage.glob("*/.recorder-*.json"):
             for pid, _ in ((read_json(path) or {}).get("processes") or {}).values():
                 assert not Path(f"/proc/{pid}").exists(), "a recorder was left behind"
-        shutil.rmtree(self.folder, ignore_errors=True)
+        try:
+            for folder in self.written_in:
+                assert_modes(folder)
+        finally:
+            shutil.rmtree(self.folder, ignore_errors=True)
 
 
 class Ext4:
@@ -520,9 +532,6 @@ class TestRecorder(unittest.TestCase):
             ends = {topic.name.split("/")[2]: topic.last_ns for topic in recording.topics}
         self.assertLess(abs(ends["main"] - ends["second"]), 1_000_000_000, "record times were not corrected")
         self.assertTrue(manifest["verified"]["ok"])
-        made = [Path(status.location), *recorders.storage.rglob("*.json"), *recorders.storage.rglob("*.log")]
-        self.assertEqual({oct(path.stat().st_mode & 0o777) for path in made}, {"0o640"}, made)
-        self.assertEqual(oct(Path(status.location).parent.stat().st_mode & 0o777), "0o750")
         wait_for(lambda: [*recorders.storage.rglob("*.bag")] == [Path(status.location)], "the removal of the parts")
         costs = re.findall(r"main: (put on the disk [1-9].*)", recorders.log())
         self.assertEqual(len(costs), 1, "what it costs is said")

@@ -21,6 +21,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tu
 import rosgraph
 import roslib.packages
 import rospy
+from modes import DEFAULT, assert_modes, started_under
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Decision
@@ -166,12 +167,11 @@ class Stack:
             rospy.set_param(f"/{self.name}/{node}/{name}", value)
 
     def _spawn(self, name: str, kind: List[str], arguments: List[str]) -> subprocess.Popen[bytes]:
-        command = kind if len(kind) == 1 else [roslib.packages.find_node(*kind)[0]]
+        program = kind if len(kind) == 1 else [roslib.packages.find_node(*kind)[0]]
+        command = started_under(DEFAULT, [*program, *arguments])
         environment = {**os.environ, "ROS_NAMESPACE": f"/{self.name}"}
         with (self.folder / f"{name}.log").open("ab") as log:
-            return subprocess.Popen(
-                [*command, *arguments], env=environment, stdout=log, stderr=log, start_new_session=True
-            )
+            return subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
 
     def stop(self) -> None:
         """End every process that is left, by its id, and forget the files."""
@@ -298,6 +298,10 @@ class Stack:
             for journal in read_journals(path):
                 lawful = check_laws(journal)
                 assert not lawful.judged.broken, "\n".join([f"{self.name}:", *law_lines(lawful)])
+
+    def check_modes(self) -> List[Path]:
+        """Assert that what the engine wrote, and what was recorded below it, is as private as promised; return it."""
+        return assert_modes(self.output)
 
     def events(self, kind: type) -> List[Any]:
         return [each for each in self.journal() if isinstance(each, Event) and isinstance(each, kind)]
