@@ -27,6 +27,7 @@ import rospy
 import rostest
 from modes import DEFAULT, PERMISSIVE, assert_modes, started_under
 from one_node import wait_for
+from stack import Stack, TestConfiguration
 from std_msgs.msg import String
 
 from amaze_autonomy import msg, srv
@@ -41,10 +42,12 @@ from amaze_autonomy.ros.rospy_flaws import mend_rospy
 PHASE = RecordingPhase
 PLATFORMS = ("main", "second")
 UMASKS = {"main": PERMISSIVE, "second": DEFAULT}  # of who starts the node of each
+OTHER_PEERS = "watchdog,landing_detection,state_estimation,autopilot,mission_planner"  # than the recorder
 RATE_HZ = 200
 CUTS = int(os.environ.get("AMAZE_CUTS", "3"))
 LOST_BY_A_CUT_S = 1.5
 MESSAGES_LOST_BY_A_CUT = 3  # at one a second: the last one, and what came in the time of a sync
+TOLD_WITHIN_S = 0.5  # of what is missing: record times against numbers, on a busy machine
 EXT4_SHUTDOWN, WITHOUT_LOG = 0x8004587D, 2  # linux/fs/ext4: what xfstests cuts the power with; nothing more is written
 CONFIGURATION = """
 folder: {folder}
@@ -417,20 +420,21 @@ class TestRecorder(unittest.TestCase):
         self.assertIn("nothing was lost", recorders.wait_phase(PHASE.COMPLETE).message)
         self.assertEqual([holes(recorders.received(each)) for each in PLATFORMS], [[], []])
 
-    def test_a_full_storage_is_said_before_and_during_and_what_was_written_is_whole(self) -> None:
-        folder = Path(tempfile.mkdtemp(prefix="amaze_full_"))
+    def small_storage(self, name: str, megabytes: int) -> Path:
+        """Mount a storage that can become full; `make_room` makes it larger."""
+        folder = Path(tempfile.mkdtemp(prefix=f"amaze_{name}_"))
         self.addCleanup(shutil.rmtree, folder, ignore_errors=True)
         if os.geteuid() != 0:
             self.skipTest("NOT TESTED: only root can mount a small storage")
-        done = subprocess.run(
-            ["mount", "-t", "tmpfs", "-o", "size=50m", "tmpfs", str(folder)],
-            capture_output=True,
-            check=False,
-            timeout=60,
-        )
+        words = ["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", str(folder)]
+        done = subprocess.run(words, capture_output=True, check=False, timeout=60)
         if done.returncode:
             self.skipTest(f"NOT TESTED: a small storage cannot be mounted here: {done.stderr.decode().strip()}")
         self.addCleanup(subprocess.run, ["umount", "--lazy", str(folder)], check=True)
+        return folder
+
+    def test_a_full_storage_is_said_before_and_during_and_what_was_written_is_whole(self) -> None:
+        folder = self.small_storage("full", 50)
         recorders = self.recorders("full", reserve_mb=12, storage=folder, size=20_000)
         for platform in PLATFORMS:
             recorders.start_node(platform)
@@ -447,16 +451,85 @@ class TestRecorder(unittest.TestCase):
         for part in parts:
             with Index(part) as index:
                 self.assertGreater(sum(chunk.messages for chunk in index.chunks), 100)
-        subprocess.run(["mount", "-o", "remount,size=400m", str(folder)], check=True, timeout=60)
+        make_room(folder)
         self.assertTrue(recorders.ask("stop").accepted)
         status = recorders.wait_phase(PHASE.COMPLETE)
         self.assertEqual([holes(recorders.received(each)) for each in PLATFORMS], [[], []])
-        self.assertRegex(
-            status.message, r"lost: main/one: \d+\.\d s, in which nothing was recorded \(the storage was full"
-        )
+        self.assertEqual([*seconds_lost(status.lost, "the storage was full")], ["main/one", "second/two"])
+        self.assertIn(f"verified; lost: {status.lost}", status.message)
         print(
             f"full at {sum(part.stat().st_size for part in parts) / 1e6:.0f} MB; after space was made: {status.message}"
         )
+
+    def test_what_a_storage_that_is_full_in_flight_costs_is_a_loss_and_the_engine_ends_with_status_6(self) -> None:
+        """There is room again in flight, and recorders, flight and engine go on as if nothing had happened."""
+        folder, name = self.small_storage("full_in_flight", 30), "full_in_flight"
+        shared = ", transfer: {by: shared}"  # what came from the other platform is a copy
+        recorders = self.recorders(name, reserve_mb=12, storage=folder, size=5_000, transfer=shared)
+        for platform in PLATFORMS:
+            recorders.start_node(platform)
+        wait_for(recorders.told_of_computers, "both platforms")
+        configuration = TestConfiguration()
+        self.addCleanup(configuration.remove)
+        ended = {"exit_when_ended": True}
+        stack = Stack(
+            name, configuration.folder, mission="long", parameters=ended, processes=(OTHER_PEERS,), patience_s=90.0
+        )
+        self.addCleanup(stack.remove)
+        self.addCleanup(stack.stop)
+        stack.start()
+        stack.wait_state("MISSION")
+        said = lambda words: [words in each.message for each in recorders.status.platforms]  # noqa: E731
+        wait_for(lambda: all(said("recording has stopped")), "a full storage", 40.0)
+        time.sleep(2.0)  # so long nothing is recorded
+        make_room(folder)
+        wait_for(lambda: all(each.growing for each in recorders.status.platforms), "growth on both platforms")
+        self.assertEqual(stack.state, "MISSION")
+        self.assertEqual(stack.wait_end(), 6)
+
+        status, result = recorders.status, stack.result()
+        self.assertEqual(status.phase, PHASE.COMPLETE.value)
+        told = seconds_lost(status.lost, "the storage was full")
+        self.assertEqual([*told], ["main/one", "second/two"])
+        for platform, seconds in zip(PLATFORMS, told.values()):
+            (missing,) = holes(recorders.received(platform))
+            self.assertGreater(missing, 2.0 * RATE_HZ)
+            self.assertLess(abs(seconds - missing / RATE_HZ), TOLD_WITHIN_S, status.lost)
+        manifest = read_json(Path(status.location.replace(".bag", ".manifest.json"))) or {}
+        self.assertEqual("; ".join(manifest["lost_in_flight"]), status.lost)
+        self.assertEqual(
+            {each: result[each] for each in ("result", "data", "data_result", "data_summary", "exit_status")},
+            {
+                "result": "COMPLETE",  # of the flight
+                "data": status.location,
+                "data_result": "INCOMPLETE",
+                "data_summary": status.message,
+                "exit_status": 6,
+            },
+        )
+        self.assertTrue(status.message.endswith(f"verified; lost: {status.lost}"), status.message)
+        self.assertEqual(
+            (stack.states[-1].state, stack.states[-1].data_result, stack.states[-1].result),
+            ("MISSION_ENDED", "INCOMPLETE", "COMPLETE"),
+        )
+        stack.check_laws()
+        self.assert_all_is_for_user_and_group(recorders, stack)
+        print(f"full in flight, with room again: exit status 6; {status.message}")
+
+    def assert_all_is_for_user_and_group(self, recorders: Recorders, stack: Stack) -> None:
+        """Assert it of all that a flight leaves: on the other platform, at the collector, of the engine."""
+        session = Path(recorders.status.location).parent
+        wait_for((session / "flight.html").is_file, "the page", 120.0)
+        there, here = (assert_modes(folder) for folder in reversed(recorders.written_in))
+        part = {"two-01.bag", "two-02.bag", "two.log", "parts.json"}
+        self.assertEqual({path.name for path in there}, {".recorder-second.json", *part})
+        self.assertEqual({path.name for path in here if path.parent.name == "second"}, part)
+        whole = {f"{session.name}.bag", f"{session.name}.manifest.json", "flight.html", "journal.jsonl"}
+        self.assertEqual({path.name for path in here if path.parent == session}, whole)
+        made = {".recorder-main.json", "one-01.bag", "one-02.bag", "one.log", "effective.json"}
+        self.assertLessEqual(made, {path.name for path in here})
+        engine = {path.name for path in stack.check_modes()}
+        self.assertEqual(engine, {"journal.jsonl", "report.txt", "result.json"})
 
     def test_a_power_cut_at_a_random_moment_takes_at_most_a_second_and_a_half(self) -> None:
         lost_s = [each / RATE_HZ for each in self.lost_by_cuts("cut", CUTS)]
@@ -537,6 +610,21 @@ class TestRecorder(unittest.TestCase):
         self.assertEqual(len(costs), 1, "what it costs is said")
         print(f"open bags: {costs[0]}")
         print(f"clocks 3 s apart: measured {[clock[each]['offset_ns'] / 1e9 for each in ('start', 'stop')]} s")
+
+
+def make_room(folder: Path) -> None:
+    """Enlarge a small storage."""
+    subprocess.run(["mount", "-o", "remount,size=400m", str(folder)], check=True, timeout=60)
+
+
+def seconds_lost(told: str, cause: str) -> Dict[str, float]:
+    """Return for how many seconds nothing was recorded, by platform and group, of losses that have all this cause."""
+    found: Dict[str, float] = {}
+    for each in told.split("; "):
+        match = re.fullmatch(rf"(\w+/\w+): (\d+\.\d) s, in which nothing was recorded \({cause}\)", each)
+        assert match is not None, f"{each!r} in {told!r}"
+        found[match[1]] = float(match[2])
+    return found
 
 
 def _state(session: str, *, in_flight: bool) -> Any:
