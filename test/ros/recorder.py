@@ -7,6 +7,7 @@ Two topics carry numbers, one for each platform, so that every message that is m
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import random
 import re
@@ -553,6 +554,7 @@ class TestRecorder(unittest.TestCase):
         disk = Ext4(folder)
         self.addCleanup(disk.unmount)
         lost: List[int] = []
+        told: List[str] = []
         for number in range(cuts):
             recorders = self.recorders(f"{name}{number}", storage=disk.folder, size=size, rate_hz=rate_hz)
             for platform in PLATFORMS:
@@ -568,16 +570,57 @@ class TestRecorder(unittest.TestCase):
             for node in recorders.nodes.values():
                 node.wait(10.0)
             disk.restart()
-            for platform in PLATFORMS:
-                numbers = self.left_of(disk.folder / platform, f"/{name}{number}/{platform}/numbers")
+            left = {each: self.left_of(disk.folder / each, f"/{name}{number}/{each}/numbers") for each in PLATFORMS}
+            for platform, numbers in left.items():
                 self.assertEqual(holes(numbers), [])
                 lost.append(sent[platform] - 1 - max(numbers, default=-1))
-                shutil.rmtree(disk.folder / platform, ignore_errors=True)
+            told.append(self.told_after_a_cut(recorders, left, rate_hz))
+            recorders.close()
+            for platform in PLATFORMS:
+                shutil.rmtree(disk.folder / platform)
+        print(f"said after the restart, the time without power with it: {'; '.join(told)}")
         return lost
 
+    def told_after_a_cut(self, recorders: Recorders, left: Dict[str, Set[int]], rate_hz: int) -> str:
+        """Start nodes on what a power cut has left, as a computer that is started anew; return what is said of it.
+
+        The collector goes on with the session. What is missing between what is left and what is recorded then is told.
+        """
+        for platform in PLATFORMS:
+            memory = recorders.storage / platform / f".recorder-{platform}.json"
+            content = read_json(memory)
+            assert content is not None, "a node's memory is on the disk"
+            memory.write_text(json.dumps({**content, "boot_id": "of the boot before"}))
+            recorders.start_node(platform)
+        seen = len(recorders.statuses)
+        wait_for(lambda: len(recorders.statuses) > seen, "the collector's word", 60.0)
+        recorders.wait_phase(PHASE.RECORDING)
+        wait_for(lambda: all(each.growing for each in recorders.status.platforms), "growth on both platforms")
+        for platform in recorders.status.platforms:
+            self.assertRegex(platform.message, r"interrupted once")
+        time.sleep(3 / rate_hz)
+        self.assertTrue(recorders.ask("stop").accepted)
+        status = recorders.wait_phase(PHASE.COMPLETE)
+        gaps = [each for each in status.lost.split("; ") if not each.endswith(" messages")]  # of a chunk cut in two
+        said = seconds_lost("; ".join(gaps), "its computer was started anew")
+        self.assertEqual([*said], ["main/one", "second/two"])
+        manifest = read_json(Path(status.location.replace(".bag", ".manifest.json"))) or {}
+        self.assertEqual("; ".join(manifest["lost_in_flight"]), status.lost)
+        self.assertTrue(status.message.endswith(f"verified; lost: {status.lost}"), status.message)
+        for platform, seconds in zip(PLATFORMS, said.values()):
+            numbers = recorders.received(platform)
+            self.assertLessEqual(left[platform], numbers, "what was left is in it")
+            if left[platform]:  # else nobody knows which number was the first
+                missing_s = (min(numbers - left[platform]) - max(left[platform])) / rate_hz
+                self.assertLess(abs(seconds - missing_s), TOLD_WITHIN_S + 1 / rate_hz, (status.lost, missing_s))
+        return status.lost
+
     def left_of(self, folder: Path, topic: str) -> Set[int]:
-        """Return the numbers that a power cut has left in the part of a platform."""
+        """Return the numbers that a power cut has left in the part of a platform; that stays as it is."""
         numbers: Set[int] = set()
+        copy = Path(tempfile.mkdtemp(prefix="amaze_left_"))
+        self.addCleanup(shutil.rmtree, copy, ignore_errors=True)
+        folder = Path(shutil.copytree(folder, copy / folder.name))
         for part in {path.parent for path in folder.glob("*/*/*.bag*")}:
             close_parts(part, {"session_id": "s1", "platform": part.name})
             for bag in part.glob("*.bag"):
