@@ -60,7 +60,7 @@ def test_what_rsync_fetches_is_for_user_and_group_whoever_may_read_it_there(tmp_
     (here / "parts.json").write_bytes(b"of an earlier try")
     names.write_text("a-01.bag\nparts.json\n")
     open_to_others(there, umask)
-    subprocess.run(transfer_command(Transfer("shared"), str(there), here, names), check=True)
+    subprocess.run(transfer_command(Transfer("shared"), str(there), here, names), check=True, timeout=60)
     assert modes(here) == {".": "0750", "a-01.bag": "0640", "parts.json": "0640"}
     assert (here / "parts.json").read_bytes() == b"{}"
 

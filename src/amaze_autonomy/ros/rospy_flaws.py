@@ -20,6 +20,8 @@ every node that said a word: the journal, a planner in the middle of a flight. I
 from __future__ import annotations
 
 import threading
+import xmlrpc.client
+from contextlib import suppress
 from typing import Any, Callable, Dict, List
 
 import rospy
@@ -37,8 +39,9 @@ def mend_rospy() -> None:
 
 
 def ask_master() -> None:
-    """Call it after `rospy.init_node`: what would be asked in flight is asked now."""
-    rospy.get_param_cached("/rosout_disable_topics_generation", False)  # as rospy/impl/rosout.py does
+    """Call it after `rospy.init_node`: what would be asked in flight is asked now, of a master that is there."""
+    with suppress(OSError, xmlrpc.client.Error):
+        rospy.get_param_cached("/rosout_disable_topics_generation", False)  # as rospy/impl/rosout.py does
 
 
 _ask = rospy.get_param_cached
