@@ -155,7 +155,7 @@ class RosLink(Link):
     def _call(self, request: Request) -> None:
         try:
             self._post(self._answer(request))
-        except NodeError as error:
+        except (NodeError, ValueError) as error:  # the latter: an id that is no UTF-8
             self._post(AnswerCame(request.id, Verdict.NO_ANSWER, clean(str(error))))
 
     def _answer(self, request: Request) -> Happening:
