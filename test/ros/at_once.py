@@ -9,7 +9,7 @@ import unittest
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Callable, Dict, Type
 
-LIMIT_S = 200.0  # less than that of the files *.test, which would not name the test
+LIMIT_S = 800.0  # less than that of the files *.test, which would not name the test
 _Case = Type[unittest.TestCase]
 
 

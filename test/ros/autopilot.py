@@ -13,7 +13,7 @@ import rospy
 import rostest
 from at_once import at_once
 from hitches import allowed_s
-from one_node import OneNode, wait_for
+from one_node import OneNode, wait_for, wait_for_end, wait_for_service
 from px4_vehicle import Px4Vehicle, forged
 from std_srvs.srv import Trigger
 
@@ -63,7 +63,7 @@ class TestAutopilot(unittest.TestCase):
 
     def call(self, name, kind=Trigger, *arguments):
         name = f"{self.space}/autopilot/{name}"
-        rospy.wait_for_service(name, 60.0)
+        wait_for_service(name)
         return rospy.ServiceProxy(name, kind)(*arguments)
 
     def wait(self, condition, what, limit_s=40.0):
@@ -160,14 +160,14 @@ class TestAutopilot(unittest.TestCase):
     def test_told_to_end_in_flight_it_commands_the_landing_mode_first(self):
         self.fly()
         self.node.process.send_signal(signal.SIGTERM)
-        self.assertEqual(self.node.process.wait(40.0), 0)
+        self.assertEqual(wait_for_end(self.node.process), 0)
         self.assertEqual(self.vehicle.craft.mode, "AUTO.LAND")
         self.assertIn("autopilot: ended in flight: the vehicle is in its landing mode", self.node.log)
 
     def test_told_to_end_on_the_ground_it_just_ends(self):
         self.wait(lambda status: status.armed_known, "a vehicle")
         self.node.process.send_signal(signal.SIGTERM)
-        self.assertEqual(self.node.process.wait(40.0), 0)
+        self.assertEqual(wait_for_end(self.node.process), 0)
         self.assertNotIn("ended in flight", self.node.log)
 
     def test_a_vehicle_that_falls_silent_is_old_and_comes_back(self):
@@ -183,7 +183,7 @@ class TestAutopilot(unittest.TestCase):
     def test_a_link_that_cannot_be_is_one_line(self):
         keys = [f"autopilot.{link}.key_file=/no/such/key" for link in ("link", "planner_link")]
         node = OneNode("autopilot", f"{self.space}/bad", keys)
-        self.assertEqual(node.process.wait(40.0), 2)
+        self.assertEqual(wait_for_end(node.process), 2)
         self.assertEqual(node.log, "autopilot: /no/such/key: No such file or directory; must be a file with the key\n")
 
 

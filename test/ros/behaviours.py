@@ -132,7 +132,7 @@ class BusyError(AssertionError):
 
 def _fly(behaviour: Behaviour, folder: Any, *, name: str = "", crippled: bool = False) -> None:
     rules = behaviour.rules if crippled else ()
-    patience_s = 20.0 if crippled else 40.0
+    patience_s = 5.0 if crippled else 40.0
     began_s, began_idle_s = time.monotonic(), idle_s()
     stack = Stack(name or behaviour.name, folder, rules=rules, patience_s=patience_s, **behaviour.options)
     try:

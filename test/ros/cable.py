@@ -21,7 +21,7 @@ import rosgraph
 import rospy
 import rostest
 from hitches import allowed_s
-from one_node import OneNode, wait_for
+from one_node import OneNode, wait_for, wait_for_service
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.ros.rospy_flaws import mend_rospy
@@ -141,7 +141,7 @@ class TestCable(unittest.TestCase):
         sensor = Path(__file__).resolve().parent / "fake_sensor.py"
         cls.sensor = cls.far.start(sys.executable, str(sensor), "__name:=far")
         cls.node = OneNode("watchdog", sensors=SENSORS, missions=MISSIONS)
-        rospy.wait_for_service("watchdog/start", 20.0)
+        wait_for_service("watchdog/start")
         cls.answer = rospy.ServiceProxy("watchdog/start", srv.StartWatchdog)(startup_time=15.0, mission_id="1")
 
     @classmethod

@@ -20,7 +20,7 @@ import rospy
 from cns_folder import write_folder
 from cns_stand_ins import MODULES, S, StandIns
 from diagnostic_msgs.msg import DiagnosticArray
-from one_node import wait_for
+from one_node import wait_for, wait_for_end
 from stand_ins import ARM, DISARM, LAND, STAND_INS, TAKEOFF, Recorder
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, SetBoolResponse
@@ -168,7 +168,7 @@ class TestCns(unittest.TestCase):
             wait_for(lambda: process.poll() is not None, lambda: f"the end: {log.read_text()[-3000:]}", 90.0)
         finally:
             process.terminate()
-            process.wait(10.0)
+            wait_for_end(process)
         result = json.loads((FOLDER / "run" / "result.json").read_text())
         self.assertEqual(result["result"], "COMPLETE", log.read_text()[-9000:])
         asked = [fields["request"] for key, fields in self.stack.nodes["mission_planner"].calls if key == "request"]
@@ -210,7 +210,7 @@ class TestCns(unittest.TestCase):
             )
         finally:
             process.terminate()
-            process.wait(10.0)
+            wait_for_end(process)
 
     def test_missing_messages_are_named_with_their_package(self) -> None:
         arguments = ("cns_peers:=watchdog,mission_planner", "autonomy:=false", "state_estimation:=false")
@@ -221,7 +221,7 @@ class TestCns(unittest.TestCase):
             self.assertIn("mission_sequencer/MissionRequest is missing", log.read_text())
         finally:
             process.terminate()
-            process.wait(10.0)
+            wait_for_end(process)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ import rospy
 from cns_definitions import install
 from genpy.message import fill_message_args
 from launching import PATIENT, free_ports, make_patient
-from one_node import wait_for
+from one_node import wait_for, wait_for_end, wait_for_service
 from stack import TestConfiguration
 from stand_ins import DEFECT, NOMINAL
 
@@ -137,7 +137,7 @@ class TestCnsServed(unittest.TestCase):
             self.assertTrue(stopped.success, stopped.message)
         finally:
             process.terminate()
-            process.wait(20.0)
+            wait_for_end(process)
         self.assertEqual(list(dict.fromkeys(engine.answers)), WHOLE)  # the landing is asked until it is heard
         reached = [each.waypoint for each in engine.heard["waypoint_reached"]]
         self.assertEqual([(round(each.x, 6), round(each.y, 6)) for each in reached], [each[:2] for each in POINTS])
@@ -151,7 +151,7 @@ class TestCnsServed(unittest.TestCase):
         """Everything before the takeoff; its engine hears the log only after the start call, as the real one may."""
         engine = self.engine
         for name in SERVICES.values():
-            rospy.wait_for_service(name.name, 60.0)
+            wait_for_service(name.name)
         self.wait(lambda: planner and not planner[-1].message, "a vehicle that speaks")
         started: List[Any] = []  # asked again, as its operator does where something has not come up
         start = lambda: started.append(engine.call("watchdog_start", startup_time=20.0)) or started[-1]  # noqa: E731
@@ -207,7 +207,7 @@ class TestCnsServed(unittest.TestCase):
             self.assertIn("mission_sequencer/MissionRequest is missing", line)
         finally:
             process.terminate()
-            process.wait(20.0)
+            wait_for_end(process)
 
 
 if __name__ == "__main__":

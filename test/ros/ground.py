@@ -9,6 +9,7 @@ import rospy
 from behaviours import Behaviours
 from documented import OURS, calls
 from hitches import allowed_s
+from one_node import wait_for_service
 from stack import CHECKS, Stack, without_repetitions
 
 from amaze_autonomy import msg
@@ -257,7 +258,7 @@ def peers_are_asked_as_the_documentation_says(stack: Stack) -> None:
     """Each `rosservice call` of docs/integrator.md to a peer, in its order and without an engine: a flight by hand."""
     space = f"/{stack.name}"
     stack.start_peers(0)
-    rospy.wait_for_service(f"{space}/watchdog/start", 40.0)
+    wait_for_service(f"{space}/watchdog/start")
     phases: List[int] = []
     rospy.Subscriber(f"{space}/mission_planner/status", msg.MissionStatus, lambda status: phases.append(status.phase))
     said: Dict[str, Any] = {}

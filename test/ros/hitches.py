@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import List, Tuple
 
+PATIENCE = 4.0  # what merely has to come is waited for so many times as long as a quiet machine needs at most
 _EVERY_S, _USUAL_S = 0.005, 0.001
 _late: List[Tuple[float, float]] = []  # woken when, late by how much (monotonic, s)
 

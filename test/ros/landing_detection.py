@@ -11,7 +11,7 @@ import rospy
 import rostest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from one_node import OneNode, wait_for
+from one_node import OneNode, wait_for, wait_for_service
 from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import Float32
 
@@ -74,7 +74,7 @@ class TestLandingDetection(unittest.TestCase):
             cls.nodes.append(OneNode("landing_detection", f"/{kind}", overrides))
         cls.checks = {}
         for kind in KINDS:
-            rospy.wait_for_service(f"/{kind}/landing_detection/check", 20.0)
+            wait_for_service(f"/{kind}/landing_detection/check")
             cls.checks[kind] = rospy.ServiceProxy(f"/{kind}/landing_detection/check", srv.CheckLanded)
 
     @classmethod
@@ -171,7 +171,7 @@ class TestLandingDetection(unittest.TestCase):
                 parameters={"startup_time": startup_s},
             )
             try:
-                rospy.wait_for_service(f"/{name}/landing_detection/check", 20.0)
+                wait_for_service(f"/{name}/landing_detection/check")
                 answer = rospy.ServiceProxy(f"/{name}/landing_detection/check", srv.CheckLanded)()
             finally:
                 self.assertEqual(node.end(), 0)

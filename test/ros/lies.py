@@ -34,7 +34,7 @@ from launching import (
     stopped,
     wait,
 )
-from one_node import wait_for
+from one_node import wait_for, wait_for_service
 from px4_vehicle import Px4Vehicle, forged
 from pymavlink.dialects.v20 import common as mavlink
 from stack import Stack
@@ -65,7 +65,7 @@ def parameter_of_a_stranger_is_no_command_of_a_node_that_is_started_again(stack:
     named = f"The parameter /{stack.name}/watchdog/overrides is ignored"
     wait(stack, lambda: bait.exists() or named in stack.log(), "what the watchdog makes of it")
     assert not bait.exists(), "a stranger's command was run"
-    rospy.wait_for_service(f"/{stack.name}/watchdog/start", LIMIT_S)
+    wait_for_service(f"/{stack.name}/watchdog/start")
     answer = rospy.ServiceProxy(f"/{stack.name}/watchdog/start", srv.StartWatchdog)(2.0, "", [])  # a look at each
     assert answer.components, answer
     assert not bait.exists(), "a stranger's command was run"
@@ -365,7 +365,7 @@ def link_that_is_cut_at_the_arming_is_landed_for_and_nothing_goes_on_afterwards(
         decided(stack, "land_by_both_routes", limit_s=LIMIT_S)
         assert vehicle.craft.armed
         vehicle.cut = False
-        wait_for(lambda: not vehicle.craft.armed, "the disarming", 8.0)  # by itself: 10 s after its arming
+        wait_for(lambda: not vehicle.craft.armed, "the disarming")  # by itself: 10 s after its arming
         stack.wait_over()
         assert stack.states[-1].result in (
             "LANDED_EARLY",

@@ -14,13 +14,14 @@ from typing import Iterator
 import rosgraph
 from amaze_autonomy.srv import UserCommand
 from behaviours import Behaviours
+from hitches import PATIENCE
 from launching import flown, in_flight, wait
 from lies import DONE, code_16_of_imu_lands
 from stack import Stack
 
 from amaze_autonomy.ros.service_client import ServiceClient
 
-LIMIT_S = 10.0
+LIMIT_S = PATIENCE * 10.0
 master = Behaviours()
 
 

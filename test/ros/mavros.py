@@ -17,7 +17,7 @@ import rostest
 from at_once import at_once
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from mavros_definitions import MD5, install, made
-from one_node import OneNode, wait_for
+from one_node import OneNode, wait_for, wait_for_end, wait_for_service
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
@@ -157,7 +157,7 @@ class TestMavros(unittest.TestCase):
 
     def call(self, name, kind=Trigger, *arguments):
         name = f"{self.space}/autopilot/{name}"
-        rospy.wait_for_service(name, 60.0)
+        wait_for_service(name)
         return rospy.ServiceProxy(name, kind)(*arguments)
 
     def assert_asked_until_now(self, mode):
@@ -257,12 +257,12 @@ class TestMavros(unittest.TestCase):
     def test_told_to_end_in_flight_it_lands(self):
         self.fly()
         self.node.process.send_signal(signal.SIGHUP)
-        self.assertEqual(self.node.process.wait(40.0), 0)
+        self.assertEqual(wait_for_end(self.node.process), 0)
         self.assertEqual(self.mavros.mode, "AUTO.LAND")
 
     def test_without_mavros_msgs_it_says_what_to_do(self):
         node = OneNode("autopilot", f"{self.space}/bare", ["autopilot.backend=mavros"])
-        self.assertEqual(node.process.wait(40.0), 2)
+        self.assertEqual(wait_for_end(node.process), 2)
         begins = "autopilot: backend mavros: No module named 'mavros_msgs'; install"
         self.assertTrue(node.log.startswith(begins), node.log)
 

@@ -13,7 +13,7 @@ import rostest
 from at_once import at_once
 from mavros_definitions import install
 from mavros_vehicle import MavrosVehicle
-from one_node import OneNode, wait_for
+from one_node import OneNode, wait_for, wait_for_service
 from px4_vehicle import MISSIONS, QUICK
 
 from amaze_autonomy import msg, srv
@@ -48,7 +48,7 @@ class TestMavrosPlanner(unittest.TestCase):
 
     def service(self, name, kind):
         name = f"{self.space}/mission_planner/{name}"
-        rospy.wait_for_service(name, 60.0)
+        wait_for_service(name)
         return rospy.ServiceProxy(name, kind)
 
     def wait_phase(self, phase, limit_s=40.0):

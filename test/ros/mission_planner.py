@@ -15,7 +15,7 @@ import rostest
 from at_once import at_once
 from documented import calls
 from hitches import allowed_s
-from one_node import OneNode, wait_for
+from one_node import OneNode, wait_for, wait_for_end, wait_for_service
 from px4_vehicle import MISSIONS, Px4Vehicle, forged
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -65,7 +65,7 @@ class TestMissionPlanner(unittest.TestCase):
 
     def service(self, name, kind):
         name = f"{self.space}/mission_planner/{name}"
-        rospy.wait_for_service(name, 60.0)
+        wait_for_service(name)
         return rospy.ServiceProxy(name, kind)
 
     # --- in words -------------------------------------------------------------------------------------------------
@@ -132,7 +132,7 @@ class TestMissionPlanner(unittest.TestCase):
         said = []
 
         def loaded():
-            rospy.wait_for_service(f"{self.space}/mission_planner/load", 60.0)
+            wait_for_service(f"{self.space}/mission_planner/load")
             said.append(self.load("s1", "twice", 0, 1))
             return said[-1].accepted
 
@@ -183,14 +183,14 @@ class TestMissionPlanner(unittest.TestCase):
     def test_told_to_end_in_flight_it_lands(self):
         self.take_off("indoors")
         self.planner.process.send_signal(signal.SIGHUP)
-        self.assertEqual(self.planner.process.wait(40.0), 0)
+        self.assertEqual(wait_for_end(self.planner.process), 0)
         self.assertIn("ended in flight: the vehicle lands", self.planner.log)
         self.assertEqual(self.vehicle.craft.mode, "AUTO.LAND")
 
     def test_while_it_hangs_the_autopilot_node_lands(self):
         self.nodes.append(OneNode("autopilot", self.space, self.overrides))
         land = f"{self.space}/autopilot/land"
-        rospy.wait_for_service(land, 60.0)
+        wait_for_service(land)
         self.take_off("hop")
         os.kill(self.planner.process.pid, signal.SIGSTOP)
         wait_for(lambda: rospy.ServiceProxy(land, Trigger)().success, "an accepted landing")
@@ -204,7 +204,7 @@ class TestMissionPlanner(unittest.TestCase):
         said, words = [], "the autopilot node commands AUTO.LAND"
         rospy.Subscriber(f"{self.space}/autopilot/commanding", String, lambda message: said.append(message.data))
         land = f"{self.space}/autopilot/land"
-        rospy.wait_for_service(land, 60.0)
+        wait_for_service(land)
         self.take_off("hop")
         wait_for(lambda: said and not said[-1], "an autopilot node that commands nothing")
         with self.vehicle.lock:

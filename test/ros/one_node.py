@@ -13,6 +13,7 @@ from typing import Any, Callable, Dict, Sequence, Union
 
 import roslib.packages
 import rospy
+from hitches import PATIENCE
 
 from amaze_autonomy.paths import config_folder
 
@@ -64,7 +65,7 @@ class OneNode:
         """End it as roslaunch does; return its exit status."""
         self.process.send_signal(signal.SIGINT)
         try:
-            return self.process.wait(10.0)
+            return wait_for_end(self.process)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
@@ -79,13 +80,35 @@ def wait_for(
 ) -> Any:
     """Wait for something that becomes true; return it. Words that are a function are asked when it did not come.
 
+    The limit is that of a quiet machine: others are waited for longer.
+
     A condition that asks a node for something has a period of a second, as in flight: more often starves it.
     """
-    deadline_s = time.monotonic() + limit_s
+    deadline_s = time.monotonic() + PATIENCE * limit_s
     while True:
         found = condition()
         if found:
             return found
         if time.monotonic() >= deadline_s:
-            raise AssertionError(f"{what if isinstance(what, str) else what()} did not come within {limit_s} s")
+            raise AssertionError(
+                f"{what if isinstance(what, str) else what()} did not come within {PATIENCE} x {limit_s} s"
+            )
         time.sleep(period_s)
+
+
+def wait_for_service(name: str, limit_s: float = 20.0) -> None:
+    """Wait until a service is there. The limit is that of a quiet machine.
+
+    Raises:
+        rospy.ROSException: it did not come.
+    """
+    rospy.wait_for_service(name, PATIENCE * limit_s)
+
+
+def wait_for_end(process: subprocess.Popen[Any], limit_s: float = 20.0) -> int:
+    """Wait for the end of a process; return its exit status. The limit is that of a quiet machine.
+
+    Raises:
+        subprocess.TimeoutExpired: it goes on.
+    """
+    return process.wait(PATIENCE * limit_s)

@@ -25,6 +25,7 @@ import rostest
 import yaml
 from behaviours import BUSY_FRACTION
 from hitches import idle_s
+from one_node import wait_for_end
 from stack import HERE
 
 from amaze_autonomy import msg
@@ -127,10 +128,10 @@ class PlayedRecording(unittest.TestCase):
         with (cls.folder / "roslaunch.log").open("wb") as log:
             launch = subprocess.Popen(command, stdout=log, stderr=log)
             try:
-                return launch.wait(LIMIT_S)
+                return wait_for_end(launch, LIMIT_S)
             except subprocess.TimeoutExpired:
                 launch.send_signal(signal.SIGINT)  # the nodes have groups of their own: it has to end them
-                launch.wait(LIMIT_S)
+                wait_for_end(launch)
                 return -1
             finally:
                 cls.idle = (idle_s() - began_idle_s) / (time.monotonic() - began_s) / (os.cpu_count() or 1)

@@ -21,7 +21,9 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tu
 import rosgraph
 import roslib.packages
 import rospy
+from hitches import PATIENCE
 from modes import DEFAULT, assert_modes, started_under
+from one_node import wait_for_end, wait_for_service
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Decision
@@ -180,12 +182,12 @@ class Stack:
         if self.launched and processes:  # the children of roslaunch have groups of their own: it has to end them
             processes[0].send_signal(signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                processes[0].wait(30.0)
+                wait_for_end(processes[0])
         for process in processes:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)  # each is the leader of its own group
         for process in processes:
-            process.wait(10.0)
+            wait_for_end(process)
 
     def remove(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -215,12 +217,12 @@ class Stack:
     ) -> Any:
         """Wait for a condition on what is seen; looked at with each message and ten times a second."""
         limit_s = self.patience_s if limit_s is None else limit_s
-        deadline_s = time.monotonic() + limit_s
+        deadline_s = time.monotonic() + PATIENCE * limit_s
         while True:
             found = condition()
             if found:
                 return found
-            assert time.monotonic() < deadline_s, f"{self.name}: {what} did not come in {limit_s} s"
+            assert time.monotonic() < deadline_s, f"{self.name}: {what} did not come in {PATIENCE} x {limit_s} s"
             for number, peer in enumerate(self.peers):
                 assert peer.poll() != 2, f"{self.name}: {self.log(f'simulation{number}')}"
             assert not alive or self.engine_lives, f"{self.name}: the engine ended before {what} came"
@@ -327,7 +329,7 @@ class Stack:
     def ask(self, command: str) -> Tuple[int, str]:
         """Be the user; return (answer, message)."""
         service = f"/{self.name}/autonomy/command"
-        rospy.wait_for_service(service, LIMIT_S)
+        wait_for_service(service)
         answer = rospy.ServiceProxy(service, srv.UserCommand)(command)
         return answer.answer, answer.message
 
@@ -340,7 +342,7 @@ class Stack:
 
     def select(self, *missions: str) -> Tuple[bool, str]:
         service = f"/{self.name}/autonomy/select_mission"
-        rospy.wait_for_service(service, LIMIT_S)
+        wait_for_service(service)
         answer = rospy.ServiceProxy(service, srv.SelectMission)(list(missions))
         return answer.accepted, answer.message
 

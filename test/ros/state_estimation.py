@@ -11,7 +11,7 @@ import rospy
 import rostest
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from one_node import OneNode, wait_for
+from one_node import OneNode, wait_for, wait_for_service
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyResponse, SetBool, SetBoolResponse, Trigger, TriggerResponse
@@ -145,7 +145,7 @@ class TestStateEstimation(unittest.TestCase):
         ):
             cls.nodes.append(OneNode(name, "/simulated", overrides, parameters=parameters))
         for kind in KINDS:
-            rospy.wait_for_service(f"/{kind}/state_estimation/check", 20.0)
+            wait_for_service(f"/{kind}/state_estimation/check")
             cls.checks[kind] = rospy.ServiceProxy(f"/{kind}/state_estimation/check", srv.CheckState)
 
     @classmethod
@@ -227,7 +227,7 @@ class TestStateEstimation(unittest.TestCase):
         self.failed("estimate age")
 
     def test_an_estimator_that_must_be_told_to_begin_is_told_on_the_ground_once_a_check_and_in_flight(self):
-        rospy.wait_for_service("/told/state_estimation/check", 20.0)
+        wait_for_service("/told/state_estimation/check")
         check = rospy.ServiceProxy("/told/state_estimation/check", srv.CheckState)
         row = "estimator initialisation"
 
@@ -249,15 +249,15 @@ class TestStateEstimation(unittest.TestCase):
         self.assertEqual(self.estimator.calls[2], "in flight")
 
     def test_the_simulated_estimator_is_silent_until_it_is_told_to_begin(self):
-        rospy.wait_for_service("/simulated/state_estimation/check", 20.0)
-        rospy.wait_for_service("/simulated/estimator/initialise", 20.0)
+        wait_for_service("/simulated/state_estimation/check")
+        wait_for_service("/simulated/estimator/initialise")
         check = rospy.ServiceProxy("/simulated/state_estimation/check", srv.CheckState)
         self.assertEqual(self.begun, [])
         wait_for(lambda: check().valid, "valid states", period_s=0.2)
         self.assertNotEqual(self.begun, [])
 
     def test_an_estimator_whose_states_are_valid_is_told_to_begin_anew_once_in_each_pre_flight(self):
-        rospy.wait_for_service("/always/state_estimation/check", 20.0)
+        wait_for_service("/always/state_estimation/check")
         check = rospy.ServiceProxy("/always/state_estimation/check", srv.CheckState)
         begun = []
 

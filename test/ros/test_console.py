@@ -27,10 +27,12 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 from amaze_autonomy.srv import UserCommandResponse  # noqa: E402
 from fake_autonomy import FakeAutonomy  # noqa: E402 (rostest starts this file from anywhere)
+from hitches import PATIENCE  # noqa: E402
+from one_node import wait_for_end  # noqa: E402
 
 from amaze_autonomy import msg  # noqa: E402
 
-LIMIT_S = 20.0
+LIMIT_S = PATIENCE * 20.0
 FLYING = {"state": "MISSION", "step": "flying", "in_flight": True, "user_commands": ["hold", "land", "abort"]}
 
 
@@ -73,7 +75,7 @@ class ConsoleProcess:
         """Stop the console and return its exit status."""
         if self.process.poll() is None:
             self.process.send_signal(number)
-        return self.process.wait(LIMIT_S)
+        return wait_for_end(self.process)
 
     def _read(self) -> None:
         for line in self.process.stdout:
@@ -254,7 +256,7 @@ class TestConsole(unittest.TestCase):
             console.wait_for(f"STATE     {state}")
         engine.show(state="MISSION_ENDED", result="LANDED_EARLY", data_location="/data/1.bag")
         console.wait_for("RESULT    LANDED_EARLY")
-        self.assertEqual(console.process.wait(LIMIT_S), 3)
+        self.assertEqual(wait_for_end(console.process), 3)
 
     def test_shut_down_by_ros_it_ends(self) -> None:
         engine, console = self.engine(), self.console("__name:=victim")
@@ -262,14 +264,14 @@ class TestConsole(unittest.TestCase):
         console.wait_for("STATE     MISSION")
         rosnode.kill_nodes([name for name in rosnode.get_node_names() if "victim" in name])
         console.wait_for("END       ROS shut this console down.")
-        self.assertEqual(console.process.wait(LIMIT_S), 0)
+        self.assertEqual(wait_for_end(console.process), 0)
 
     def test_a_name_that_cannot_be_is_refused(self) -> None:
         for arguments in (["--engine", "what an engine"], ["_engine:=1engine"]):
             console = ConsoleProcess(*arguments)
             self.started.append(console)
             self.assertIn("cannot be the name of a node, e.g. /autonomy", console.wait_for("END"))
-            self.assertEqual(console.process.wait(LIMIT_S), 2)
+            self.assertEqual(wait_for_end(console.process), 2)
 
     def test_a_master_is_waited_for_and_a_new_one_is_found(self) -> None:
         with socket.socket() as free:
@@ -290,7 +292,7 @@ class TestConsole(unittest.TestCase):
             finally:
                 for process in (engine, master):
                     process.kill()
-                    process.wait(LIMIT_S)
+                    wait_for_end(process)
             console.wait_for("CONTACT   LOST")
 
 

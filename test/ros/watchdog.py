@@ -17,7 +17,7 @@ import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticArray
 from hitches import allowed_s
-from one_node import OneNode, wait_for
+from one_node import OneNode, wait_for, wait_for_service
 from std_msgs.msg import String
 
 from amaze_autonomy import msg, srv
@@ -135,7 +135,7 @@ class TestWatchdog(unittest.TestCase):
         }
         cls.listener = Listener()
         cls.node = OneNode("watchdog", sensors=SENSORS, missions=MISSIONS)
-        rospy.wait_for_service("watchdog/start", 20.0)
+        wait_for_service("watchdog/start")
         cls.start = rospy.ServiceProxy("watchdog/start", srv.StartWatchdog)
         began_s = time.monotonic()
         cls.answer = cls.start(startup_time=15.0, mission_id="1")

@@ -9,7 +9,7 @@ import unittest
 
 import rospy
 import rostest
-from one_node import OneNode, wait_for
+from one_node import OneNode, wait_for, wait_for_service
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 
@@ -68,7 +68,7 @@ class TestWatchdogClock(unittest.TestCase):
         world, actions = Time(), []
         rospy.Subscriber("watchdog/action", msg.WatchdogAction, actions.append, tcp_nodelay=True)
         node = OneNode("watchdog", sensors=SENSORS, missions=MISSIONS)
-        rospy.wait_for_service("watchdog/start", 20.0)
+        wait_for_service("watchdog/start")
         answer = rospy.ServiceProxy("watchdog/start", srv.StartWatchdog)(startup_time=15.0, mission_id="1")
         self.assertTrue(answer.ready, answer)
 
