@@ -15,7 +15,7 @@ from amaze_autonomy.tester import Options, Task, Verdict, run_task
 from amaze_autonomy.tester.command import main
 
 ROOT = Path(__file__).parents[2]
-FLIGHT = ROOT / "test" / "proof" / "found" / "land_is_the_first_command_out-1.jsonl"
+FLIGHT = ROOT / "test" / "proof" / "found" / "the_most_needed_goes_first-1.jsonl"
 
 
 def without(monkeypatch, rule):

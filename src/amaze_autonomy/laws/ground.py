@@ -11,11 +11,9 @@ from typing import Tuple
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import (
     AutopilotDisarm,
-    AutopilotLand,
     Decision,
     Level,
     MissionAction,
-    MissionCommand,
     Notify,
     StopRecording,
 )
@@ -203,18 +201,6 @@ def land_is_sticky(m: Moment) -> Verdict:
     down = m.seen.flight != "armed" or m.seen.is_down(m.rules.limits)
     stays = m.after.state in (State.LAND, State.PILOT) or down
     return True if stays else f"from landing to {m.after.state.value} while it is not down"
-
-
-@law("4.3", "Land first, tidy later: LAND is the first command out, the second route comes next.")
-def land_is_the_first_command_out(m: Moment) -> Verdict:
-    if A.LAND not in m.motions and not m.sent(AutopilotLand):
-        return None
-    first = m.commands[0]
-    if A.LAND in m.motions and not (isinstance(first, MissionCommand) and first.action is A.LAND):
-        return f"{type(first).__name__} goes out before LAND"
-    if m.sent(AutopilotLand) and not any(isinstance(c, AutopilotLand) for c in m.commands[: len(m.motions) + 1]):
-        return "the second route does not go out next"
-    return True
 
 
 def _lands_unseen(m: Moment) -> bool:

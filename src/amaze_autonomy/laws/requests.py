@@ -240,7 +240,7 @@ def everything_is_written_down(m: Moment) -> Verdict:
     return True if place == m.after.state.value else f"{m.after.state.value} is not written down"
 
 
-@law("3, 4.1", "What goes out at once goes by need: LAND, disarm, other requests, the answer, words, decisions.")
+@law("3, 4.1, 4.3", "Land first, tidy later: LAND, its second route, disarm, requests, answer, words, decisions.")
 def the_most_needed_goes_first(m: Moment) -> Verdict:
     if len(m.commands) < 2:
         return None
