@@ -40,7 +40,7 @@ class Recorder:
         answers, self.answers = self.answers, []
         return answers
 
-    def wake(self, _):
+    def wake(self, _, **_read):
         self.woken += 1
         return ()
 

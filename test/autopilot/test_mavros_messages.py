@@ -163,6 +163,7 @@ def client(*states, backend="mavros"):
     )
     for number, each in enumerate(states):
         node.receive(number * S, converter.convert(STATE, each))
+        node.wake(number * S)
     return node
 
 

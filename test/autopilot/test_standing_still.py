@@ -12,7 +12,15 @@ from flying import ARDUPILOT, MS, PX4, SET_MODE, Recorded, S, stand_still
 from amaze_autonomy.autopilot import Connection, Identity
 from amaze_autonomy.autopilot.link import connection
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
-from amaze_autonomy.autopilot.vehicle.agreement import DRAIN_NS, KEPT_NS, MODE_NS, READ_NS, STALL_NS, Attention
+from amaze_autonomy.autopilot.vehicle.agreement import (
+    DRAIN_NS,
+    KEPT_NS,
+    MODE_NS,
+    READ_NS,
+    STALL_NS,
+    UNREAD_NS,
+    Attention,
+)
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 
@@ -300,11 +308,11 @@ def test_what_lies_in_the_socket_is_read_before_the_client_looks_at_the_time(qui
     link, client, vehicle = quiet_link
     order = []
     client.receive = lambda _t_ns, message: order.append(message.get_type()) or ()
-    client.wake = lambda _t_ns: order.append("wake") or ()
+    client.wake = lambda _t_ns, *, read: order.append(("wake", read)) or ()
     vehicle.say(*[beat()] * 100)  # more than is read at once
     link._wake_ns = 0
     link._step()
-    assert order == [*["HEARTBEAT"] * 100, "wake"]
+    assert order == [*["HEARTBEAT"] * 100, ("wake", True)]
 
 
 @pytest.mark.live
@@ -313,6 +321,11 @@ def test_a_vehicle_that_says_very_much_does_not_keep_the_client_from_looking_at_
     link, client, vehicle = quiet_link
     vehicle.say(*[beat()] * 100)
     assert len(link.ask(lambda _t_ns: (client.names(), ()))) < 100
+    woken = []
+    client.wake = lambda _t_ns, *, read: woken.append(read) or ()
+    link._wake_ns = 0
+    link._step()
+    assert woken == [False], "it is told that not all was read"
 
 
 @pytest.mark.live
@@ -368,7 +381,7 @@ def test_a_process_that_looks_often_enough_has_not_stood_still():
 def test_one_that_stood_still_lands_when_it_has_heard_the_vehicle_or_waited_for_that_and_then_commands():
     attention = Attention()
     attention.look(0)
-    assert attention.look(2 * S) == 2 * S
+    assert attention.look(2 * S, read=True) == 2 * S
     read_ns, last_ns = 2 * S + READ_NS, 2 * S + MODE_NS
     assert [attention.streams(t_ns) for t_ns in (read_ns - 1, read_ns)] == [False, True]
     assert [attention.lands(t_ns, read_ns - 1) for t_ns in (read_ns, last_ns - 1, last_ns)] == [False, False, True]
@@ -379,7 +392,7 @@ def test_one_that_stood_still_lands_when_it_has_heard_the_vehicle_or_waited_for_
 def test_a_landing_waits_for_no_mode_where_the_socket_held_all_that_was_said():
     attention = Attention()
     attention.look(0)
-    attention.look(KEPT_NS)
+    attention.look(KEPT_NS, read=True)
     read_ns = KEPT_NS + READ_NS
     assert [attention.lands(t_ns, None) for t_ns in (read_ns - 1, read_ns)] == [False, True]
 
@@ -387,7 +400,7 @@ def test_a_landing_waits_for_no_mode_where_the_socket_held_all_that_was_said():
 def test_a_mode_that_is_heard_after_what_was_read_lets_a_landing_out():
     attention = Attention()
     attention.look(0)
-    attention.look(2 * S)
+    attention.look(2 * S, read=True)
     read_ns = 2 * S + READ_NS
     assert [attention.lands(read_ns, heard_ns) for heard_ns in (None, read_ns - 1, read_ns)] == [False, False, True]
 
@@ -396,8 +409,50 @@ def test_a_mode_that_is_heard_after_what_was_read_lets_a_landing_out():
 def test_who_stands_still_again_reads_again_if_he_could_have_landed_meanwhile(chance):
     attention = Attention()
     attention.look(0)
-    attention.look(2 * S)
-    attention.look(2 * S + READ_NS)
+    attention.look(2 * S, read=True)
+    attention.look(2 * S + READ_NS, read=True)
     assert attention.lands(2 * S + READ_NS, 2 * S + READ_NS if chance else None) is chance
-    attention.look(5 * S)
+    attention.look(5 * S, read=True)
     assert attention.lands(5 * S, None) is not chance
+
+
+def unread(stood_ns):
+    """Return one that stood still for so long, and has not seen its socket empty; the time."""
+    attention = Attention()
+    attention.look(0)
+    attention.look(stood_ns)
+    return attention, stood_ns
+
+
+@pytest.mark.parametrize("stood_ns", [KEPT_NS, 2 * S])
+def test_what_is_read_long_after_waking_may_be_old_all_the_same(stood_ns):
+    attention, woken_ns = unread(stood_ns)
+    for t_ns in range(woken_ns, woken_ns + UNREAD_NS, READ_NS):  # a busy computer reads what came, slowly
+        attention.look(t_ns)
+        assert not attention.lands(t_ns, t_ns)
+        assert not attention.commands(t_ns)
+        assert not attention.streams(t_ns)
+
+
+@pytest.mark.parametrize("stood_ns, waited_ns", [(KEPT_NS, READ_NS), (2 * S, MODE_NS)])
+def test_a_socket_that_was_seen_empty_is_waited_for_from_then_on(stood_ns, waited_ns):
+    attention, woken_ns = unread(stood_ns)
+    empty_ns = woken_ns + UNREAD_NS // 2
+    attention.look(empty_ns, read=True)
+    assert not attention.lands(empty_ns + READ_NS - 1, empty_ns + READ_NS - 1)
+    assert [attention.lands(empty_ns + waited_ns - 1, None), attention.lands(empty_ns + waited_ns, None)] == [
+        False,
+        True,
+    ]
+    assert not attention.commands(empty_ns + DRAIN_NS - 1)
+    assert attention.commands(empty_ns + DRAIN_NS)
+
+
+@pytest.mark.parametrize("stood_ns, waited_ns", [(KEPT_NS, READ_NS), (2 * S, MODE_NS)])
+def test_a_landing_does_not_wait_for_ever_for_a_socket_that_is_never_empty(stood_ns, waited_ns):
+    attention, woken_ns = unread(stood_ns)
+    sent = []
+    for t_ns in range(woken_ns, woken_ns + 2 * UNREAD_NS, 10 * MS):
+        attention.look(t_ns)
+        sent.append(attention.lands(t_ns, None))
+    assert sent.index(True) * 10 * MS == UNREAD_NS + waited_ns

@@ -35,8 +35,8 @@ class Client(Protocol):
     def receive(self, t_ns: int, message: Message) -> Iterable[Message]:
         """Take a message of the vehicle."""
 
-    def wake(self, t_ns: int) -> Iterable[Message]:
-        """Look at the time, 20 times a second."""
+    def wake(self, t_ns: int, *, read: bool = True) -> Iterable[Message]:
+        """Look at the time, 20 times a second; all that had come was read, or the link could not be read empty."""
 
 
 class ClientHost(abc.ABC):
@@ -81,8 +81,12 @@ class ClientHost(abc.ABC):
         with self._changed:
             return self._changed.wait_for(condition, limit_s)
 
-    def _catch_up(self) -> None:
-        """Give the client what has come and was not read yet, where that is known; called under the lock."""
+    def _catch_up(self) -> bool:
+        """Give the client what has come and was not read yet, where that is known; called under the lock.
+
+        Returns whether nothing lies there any more.
+        """
+        return True
 
     @abc.abstractmethod
     def _transmit(self, messages: Iterable[Message]) -> None:
@@ -301,17 +305,19 @@ class Connection(ClientHost):
             self._transmit((heartbeat(self._kind),))
         if t_ns >= self._wake_ns:
             self._wake_ns = t_ns + _WAKE_NS
-            self._catch_up()
-            self._tell(lambda: self._client.wake(self._now_ns()))
+            read = self._catch_up()
+            self._tell(lambda: self._client.wake(self._now_ns(), read=read))
             self._announce()
         if self._port.silence_is_loss and not self._problem and t_ns - self._heard_ns > _SILENCE_NS:
             self._drop(f"silent for {_SILENCE_NS // _S} s")
 
-    def _catch_up(self) -> None:
+    def _catch_up(self) -> bool:
         """Read what lies in the port: who stood still hears the vehicle before he commands it, or is asked about it."""
         end_ns = time.monotonic_ns() + _CATCH_UP_NS
-        while not self._problem and self._attempt(self._read) and time.monotonic_ns() < end_ns:
-            pass
+        while not self._problem and self._attempt(self._read):
+            if time.monotonic_ns() >= end_ns:
+                return False
+        return True
 
     def _read(self) -> bool:
         """Read once; return whether something has come."""

@@ -115,9 +115,9 @@ class Sequencer:
             sent += self._proceed(t_ns)
         return sent
 
-    def wake(self, t_ns: int) -> Iterable[Message]:
+    def wake(self, t_ns: int, *, read: bool = True) -> Iterable[Message]:
         """Look at the time; called at least as often as set-points are sent."""
-        self._look(t_ns)
+        self._look(t_ns, read=read)
         sent: List[Message] = []
         if self._loading is not None and not self._loading.over:
             sent += self._loading.wake(t_ns)
@@ -131,9 +131,9 @@ class Sequencer:
         asks = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
         return [*sent, *self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)] if asks else sent
 
-    def _look(self, t_ns: int) -> None:
+    def _look(self, t_ns: int, *, read: bool = False) -> None:
         """Notice that this process stood still."""
-        stood_ns = self._attention.look(t_ns)
+        stood_ns = self._attention.look(t_ns, read=read)
         if stood_ns and self._procedure is not None:
             self._procedure.stood_still(stood_ns)
 

@@ -13,7 +13,8 @@ from amaze_autonomy.engine.events import VehicleLanded
 
 _S = 1_000_000_000
 STALL_NS, DRAIN_NS = _S // 2, 3 * _S // 10  # not woken for so long; for so long what came meanwhile is read
-READ_NS = 50_000_000  # within which what a socket holds is
+READ_NS = 50_000_000  # for so long what came by another socket may lie there, when that of the vehicle is empty
+UNREAD_NS = _S  # so long a landing waits for an empty socket: nobody knows what a computer that is so busy will read
 KEPT_NS, MODE_NS = _S, 6 * _S // 10  # what so long a time brings, a socket holds; a mode is said once in that time
 GROUND_NS = 700_000_000  # three of the stream's periods: older than that, ON_GROUND is no reason to disarm
 _GAP_NS = 3 * _S  # after such a silence nobody agrees with what was said before it
@@ -91,8 +92,9 @@ class Ground:
 # --- attention --------------------------------------------------------------------------------------------------------
 # A process may stand still: a computer that is too busy, or one that hangs. What lay in its sockets meanwhile is
 # stamped as if it came now. So what the process knows of the vehicle is old until the vehicle is heard after all that
-# was read: somebody else may fly it. And a socket holds what came first, more than a second of it: what came last found
-# it full, and a takeover may have been that. What others have asked of the process lies in its sockets as well.
+# was read: somebody else may fly it. All was read when the socket was seen empty, and no time tells that: a computer
+# that is too busy reads slowly. And a socket holds what came first, more than a second of it: what came last found it
+# full, and a takeover may have been that. What others have asked of the process lies in its sockets as well.
 
 
 class Attention:
@@ -100,20 +102,32 @@ class Attention:
 
     def __init__(self) -> None:
         self._looked_ns: Optional[int] = None
+        self._woke_ns = self._stood_ns = 0
+        self._unread = False  # what came while it stood still, and the socket was not seen empty since
         self._read_ns = self._last_ns = 0  # a landing waits for a mode that is heard after this, until then
-        self._landed = False  # it would have been sent since
+        self._may_land = False  # one would have been sent since
         self.awake_ns = 0  # what the vehicle said before this may be older than its stamp
 
-    def look(self, t_ns: int) -> int:
-        """Take that the process runs; return for how long it stood still before, 0: it did not."""
+    def look(self, t_ns: int, *, read: bool = False) -> int:
+        """Take that the process runs; return for how long it stood still before, 0: it did not.
+
+        Args:
+            t_ns: now.
+            read: all that had come was read: nothing lies in the socket.
+        """
         looked_ns, self._looked_ns = self._looked_ns, t_ns
-        stood_ns = 0 if looked_ns is None else t_ns - looked_ns
-        if looked_ns is None or stood_ns <= STALL_NS:
-            return 0
-        self.awake_ns = t_ns + DRAIN_NS
-        if self._landed or looked_ns >= self._last_ns:  # who stands still again and again lands all the same
-            self._read_ns, self._landed = t_ns + READ_NS, False
-            self._last_ns = self._read_ns if stood_ns <= KEPT_NS else t_ns + MODE_NS
+        stood_ns = 0 if looked_ns is None or t_ns - looked_ns <= STALL_NS else t_ns - looked_ns
+        waits = self._unread
+        if stood_ns and (self._may_land or (looked_ns or 0) >= self._last_ns):  # else the wait before is not over yet:
+            waits = True  # who stands still again and again lands all the same
+            self._woke_ns, self._stood_ns, self._may_land = t_ns, stood_ns, False
+        if waits:
+            self._read_ns = t_ns + READ_NS
+            last_ns = self._read_ns if self._stood_ns <= KEPT_NS else t_ns + MODE_NS
+            self._last_ns = min(last_ns, self._woke_ns + UNREAD_NS + MODE_NS)
+        if stood_ns or self._unread:
+            self.awake_ns = t_ns + DRAIN_NS
+            self._unread = not read and t_ns < self._woke_ns + UNREAD_NS
         return stood_ns
 
     def lands(self, t_ns: int, heard_ns: Optional[int]) -> bool:
@@ -123,13 +137,14 @@ class Attention:
             t_ns: now.
             heard_ns: when the mode of the vehicle was heard last.
         """
-        self._landed = self._landed or t_ns >= self._last_ns or (heard_ns or 0) >= self._read_ns
-        return self._landed
+        waited = not self._unread and (t_ns >= self._last_ns or (heard_ns or 0) >= self._read_ns)
+        self._may_land = self._may_land or waited
+        return self._may_land
 
     def streams(self, t_ns: int) -> bool:
         """Return whether set-points may be sent: what came meanwhile has had time to be read; they fly in one mode."""
-        return t_ns >= self._read_ns
+        return not self._unread and t_ns >= self._read_ns
 
     def commands(self, heard_ns: Optional[int]) -> bool:
         """Return whether all else may be sent: the mode of the vehicle was heard anew, last at that time."""
-        return (heard_ns or 0) >= self.awake_ns
+        return not self._unread and (heard_ns or 0) >= self.awake_ns

@@ -143,9 +143,9 @@ class AutopilotClient:
             self.vehicle.offset.add_system_time(t_ns + self._wall(), message)
         return []
 
-    def wake(self, t_ns: int) -> List[Message]:
+    def wake(self, t_ns: int, *, read: bool = True) -> List[Message]:
         """Ask for what is missing, send commands again."""
-        self._look(t_ns)
+        self._look(t_ns, read=read)
         self.vehicle.texts.wake(t_ns)
         self._tell_texts()
         if not self.vehicle.connected(t_ns):
@@ -161,9 +161,9 @@ class AutopilotClient:
             *([] if asked is None else [asked]),
         ]
 
-    def _look(self, t_ns: int) -> None:
+    def _look(self, t_ns: int, *, read: bool = False) -> None:
         self._t_ns = t_ns
-        self._attention.look(t_ns)
+        self._attention.look(t_ns, read=read)
 
     # --- commands; through `Connection.ask` -----------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ is dropped unless it lands. For a mode and an arming a connection stays open: a 
 
 from __future__ import annotations
 
+import functools
 import importlib
 import queue
 import threading
@@ -180,9 +181,12 @@ class MavrosLink(ClientHost):
         self._tell(lambda: self._client.receive(t_ns, message))
 
     def _wake(self) -> None:
+        woke_s = -_WAKE_S
         while not self._ended.wait(_WAKE_S):
+            before_s, woke_s = woke_s, time.monotonic()
+            read = woke_s - before_s < 2 * _WAKE_S  # nobody sees whether rospy has read all: it has had the time
             with self._changed:
-                self._tell(lambda: self._client.wake(self._now_ns()))
+                self._tell(functools.partial(self._client.wake, self._now_ns(), read=read))
                 self._announce()
 
     def _transmit(self, messages: Iterable[Message]) -> None:

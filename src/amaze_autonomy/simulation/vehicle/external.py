@@ -92,7 +92,7 @@ class Observer:
             read(t_ns, message)
         return ()
 
-    def wake(self, t_ns: int) -> List[Message]:
+    def wake(self, t_ns: int, *, read: bool = True) -> List[Message]:  # noqa: ARG002 (it sends no command)
         """Ask for what does not come."""
         return self._rates.wake(t_ns, *self._address)
 
