@@ -32,6 +32,13 @@ SHUTDOWN = Shutdown(t_ns=1, signal="SIGINT")
 WHOLE, LACKS = DataResult.COMPLETE, DataResult.INCOMPLETE
 
 
+class Watched(Farewell):
+    """One that sees states without a doubt, unless one is given."""
+
+    def see(self, event, commands, state=EngineState()):  # noqa: B008
+        super().see(event, commands, state)
+
+
 def reply(number, how=Outcome.ACCEPTED):
     return Reply(t_ns=2, command_id=number, outcome=how)
 
@@ -43,18 +50,18 @@ def waits(farewell, limit_s=0.05):
 
 
 def test_nothing_to_land_is_nothing_to_wait_for():
-    farewell = Farewell()
+    farewell = Watched()
     farewell.see(SHUTDOWN, (StopRecording(id=9, limit_ns=1, session_id="s"),))
     assert not waits(farewell, 5.0)
     assert farewell.text() == ""
 
 
 def test_it_waits_for_the_shutdown_to_be_decided_on():
-    assert waits(Farewell())
+    assert waits(Watched())
 
 
 def test_it_waits_until_both_routes_have_accepted():
-    farewell = Farewell()
+    farewell = Watched()
     farewell.see(SHUTDOWN, (LAND, SECOND))
     assert waits(farewell)
     farewell.see(reply(1), ())
@@ -66,14 +73,14 @@ def test_it_waits_until_both_routes_have_accepted():
 
 def test_who_waits_can_do_meanwhile_what_brings_the_replies():
     """Where the thread that decides has ended, nobody else reads them."""
-    farewell, came = Farewell(), [(SHUTDOWN, (LAND, SECOND)), (reply(1), ()), (reply(2), ())]
+    farewell, came = Watched(), [(SHUTDOWN, (LAND, SECOND)), (reply(1), ()), (reply(2), ())]
     farewell.wait(5.0, lambda: farewell.see(*came.pop(0)))
     assert came == []
     assert farewell.text() == "mission planner: accepted, autopilot: accepted"
 
 
 def test_a_reply_ends_the_wait_at_once():
-    farewell = Farewell()
+    farewell = Watched()
     farewell.see(SHUTDOWN, (LAND, SECOND))
     farewell.see(reply(1), ())
     threading.Timer(0.05, lambda: farewell.see(reply(2), ())).start()
@@ -81,7 +88,7 @@ def test_a_reply_ends_the_wait_at_once():
 
 
 def test_a_route_that_failed_may_still_accept_a_repetition():
-    farewell = Farewell()
+    farewell = Watched()
     farewell.see(SHUTDOWN, (LAND, SECOND))
     farewell.see(reply(1), ())
     farewell.see(reply(2, Outcome.UNAVAILABLE), ())
@@ -92,8 +99,28 @@ def test_a_route_that_failed_may_still_accept_a_repetition():
     assert not waits(farewell, 5.0)
 
 
+def test_a_shutdown_while_a_takeover_is_suspected_is_waited_for_until_it_is_known_who_flies():
+    """The engine keeps the signal meanwhile: denied, LAND goes out; confirmed, the pilot flies."""
+    farewell = Watched()
+    farewell.see(SHUTDOWN, (), EngineState(signal="SIGINT"))
+    assert waits(farewell)
+    farewell.see(Tick(t_ns=2), (LAND, SECOND))
+    assert waits(farewell)
+    farewell.see(reply(1), ())
+    farewell.see(reply(2), ())
+    assert not waits(farewell, 5.0)
+    assert farewell.text() == "mission planner: accepted, autopilot: accepted"
+
+
+def test_a_shutdown_whose_takeover_is_confirmed_is_over():
+    farewell = Watched()
+    farewell.see(SHUTDOWN, (), EngineState(signal="SIGINT"))
+    farewell.see(Tick(t_ns=2), ())
+    assert not waits(farewell, 5.0)
+
+
 def test_what_was_sent_before_the_shutdown_does_not_count():
-    farewell = Farewell()
+    farewell = Watched()
     farewell.see(Tick(t_ns=0), (LAND, SECOND))
     farewell.see(SHUTDOWN, ())
     farewell.see(reply(1), ())

@@ -24,8 +24,8 @@ from amaze_autonomy.ros.errors import StartError
 EVENTS = [EngineStarted(t_ns=5), Tick(t_ns=9)]
 
 
-def write_journal(folder, boot_id=None, more="", place=None):
-    told = (place or Place(str(folder))).facts()
+def write_journal(folder, boot_id=None, more="", place=None, **facts):
+    told = {**(place or Place(str(folder))).facts(), **facts}
     header = codec.make_header(Rules(), {}, "hash", boot_id=boot_id or run_folder.boot_id(), **told)
     text = "".join(line + "\n" for line in [codec.encode_header(header), *map(codec.encode_event, EVENTS)])
     folder.mkdir(parents=True, exist_ok=True)
@@ -110,6 +110,47 @@ def test_without_a_named_folder_the_newest_run_counts(home):
     assert run_folder.find_unfinished(Place()).path == home / "a" / "journal.jsonl"
     run_folder.write_result(home / "a", {"in_flight": False})
     assert run_folder.find_unfinished(Place()) is None, "an older run is not the one that was interrupted"
+
+
+def dated(folder, second, **facts):
+    """Write the journal of a run, with a date."""
+    write_journal(folder, place=Place(), **facts)
+    os.utime(folder / "journal.jsonl", (second, second))
+
+
+def test_a_run_of_another_boot_with_a_later_date_hides_none_of_this_one(home):
+    dated(home / "yesterday", 2000, boot_id="another")
+    dated(home / "now", 1000)
+    assert run_folder.find_unfinished(Place()).path == home / "now" / "journal.jsonl"
+
+
+@pytest.mark.parametrize("in_flight", [False, True])
+def test_of_runs_of_one_boot_the_last_word_counts_whatever_the_wall_clock_said(home, in_flight):
+    dated(home / "first", 2000, clock=run_folder.BOOT_CLOCK)
+    dated(home / "last", 1000, clock=run_folder.BOOT_CLOCK, more=codec.encode_event(Tick(t_ns=10)) + '\n{"half')
+    run_folder.write_result(home / "first", {"in_flight": not in_flight})
+    run_folder.write_result(home / "last", {"in_flight": in_flight})
+    found = run_folder.find_unfinished(Place())
+    assert (None if found is None else found.path) == (home / "last" / "journal.jsonl" if in_flight else None)
+
+
+def test_a_journal_of_another_clock_has_no_last_word(home):
+    dated(home / "first", 2000, clock="ROS time")
+    dated(home / "last", 1000, clock=run_folder.BOOT_CLOCK, more=codec.encode_event(Tick(t_ns=10)) + "\n")
+    assert run_folder.find_unfinished(Place()).path == home / "first" / "journal.jsonl"
+
+
+@pytest.mark.parametrize("newest", [False, True])
+def test_a_journal_that_cannot_be_read_stops_a_start_only_as_the_newest(home, newest):
+    dated(home / "now", 1000)
+    dated(home / "torn", 1001 if newest else 999)
+    (home / "torn" / "journal.jsonl").write_bytes(b"\0" * 100)
+    os.utime(home / "torn" / "journal.jsonl", (1001 if newest else 999,) * 2)
+    if newest:
+        with pytest.raises(StartError, match="cannot be read"):
+            run_folder.find_unfinished(Place())
+    else:
+        assert run_folder.find_unfinished(Place()).path == home / "now" / "journal.jsonl"
 
 
 def test_a_simulated_run_that_did_not_end_is_none_that_a_flight_goes_on_with(home):

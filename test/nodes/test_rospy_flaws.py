@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import threading
 from types import SimpleNamespace
 
@@ -11,6 +13,8 @@ rospy = pytest.importorskip("rospy", reason="a node is a matter of ROS")
 core = pytest.importorskip("rospy.core")
 
 rosout = pytest.importorskip("rospy.impl.rosout")
+
+from rospy.impl.tcpros_base import TCPServer  # noqa: E402
 
 from amaze_autonomy.ros import rospy_flaws  # noqa: E402
 from amaze_autonomy.ros.rospy_flaws import mend_rospy  # noqa: E402
@@ -84,3 +88,90 @@ def test_who_logs_asks_the_master_once(monkeypatch):
         rosout._rosout(20, word, "file.py", 1, "function")
     assert [message.msg for message in said] == ["one", "two"]
     assert asked == ["/rosout_disable_topics_generation"]
+
+
+LIMIT_S = 30.0
+
+
+@pytest.fixture
+def served():
+    """Return a server of rospy's, and what it has served."""
+    heard = SimpleNamespace(fails=[], served=threading.Semaphore(0))
+
+    def serve(sock, _address):
+        sock.close()
+        if heard.fails:
+            raise heard.fails.pop()
+        heard.served.release()
+
+    server = TCPServer(serve)
+    server.start()
+    yield server, heard
+    server.shutdown()
+
+
+def is_served(server, heard):
+    with socket.create_connection(("127.0.0.1", server.port), timeout=LIMIT_S):
+        return heard.served.acquire(timeout=LIMIT_S)
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("error", [RuntimeError("can't start new thread"), MemoryError(), OSError(24, "no more")])
+def test_a_connection_that_cannot_be_served_is_not_the_last_one(served, error):
+    server, heard = served
+    heard.fails.append(error)
+    with socket.create_connection(("127.0.0.1", server.port), timeout=LIMIT_S):
+        assert is_served(server, heard)
+
+
+@pytest.mark.live
+def test_a_descriptor_that_cannot_be_had_once_does_not_close_a_node_to_all(served):
+    server, heard = served
+    assert is_served(server, heard)
+
+    class Short:
+        """The socket, of which a descriptor cannot be had twice."""
+
+        def __init__(self, real):
+            self.real, self.left = real, 2
+
+        def accept(self):
+            if self.left:
+                self.left -= 1
+                raise OSError(24, "Too many open files")
+            return self.real.accept()
+
+        def close(self):
+            self.real.close()
+
+    server.server_sock = Short(server.server_sock)
+    assert all(is_served(server, heard) for _ in range(2))
+
+
+@pytest.mark.live
+def test_of_too_many_that_say_nothing_the_oldest_is_closed(monkeypatch):
+    monkeypatch.setattr(rospy_flaws, "_MOST_SILENT", 2)
+    monkeypatch.setattr(rospy_flaws, "_read", lambda _server, sock, _address: sock.recv(1))
+    with contextlib.ExitStack() as opened:
+        pairs = [socket.socketpair() for _ in range(3)]
+        for ours, theirs in pairs:
+            opened.enter_context(ours)
+            opened.enter_context(theirs)
+            theirs.settimeout(LIMIT_S)
+            rospy_flaws._accept(None, ours, "somebody")
+        assert pairs[0][1].recv(1) == b"", "the oldest is closed"
+        for ours, theirs in pairs[1:]:
+            assert id(ours) in rospy_flaws._silent
+            theirs.send(b"x")
+
+
+@pytest.mark.parametrize("error", [RuntimeError("can't start new thread"), MemoryError()])
+def test_who_can_have_no_thread_is_forgotten(monkeypatch, error):
+    def start(_thread):
+        raise error
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    with socket.socket() as sock:
+        with pytest.raises(type(error)):
+            rospy_flaws._accept(None, sock, "somebody")
+        assert id(sock) not in rospy_flaws._silent

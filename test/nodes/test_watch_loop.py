@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import threading
+from io import BytesIO
+from queue import SimpleQueue
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip("rospy", reason="needs ROS")
 
-from amaze_autonomy.nodes.watchdog.watch_loop import WatchLoop
+from amaze_autonomy import msg
+from amaze_autonomy.monitoring.errors import RestartRefusedError
+from amaze_autonomy.monitoring.restart import RestartRequest
+from amaze_autonomy.monitoring.specs import RestartPolicy
+from amaze_autonomy.nodes.watchdog import node, restarter
+from amaze_autonomy.nodes.watchdog.watch_loop import TopicWatch, WatchLoop
 
 MS = 1_000_000
 PERIOD_NS = 200 * MS
@@ -78,3 +86,81 @@ def test_a_loop_that_runs_excuses_nothing():
     world = World("")
     world.loop.run()
     assert world.excused == []
+
+
+# --- what is no message of ours ---------------------------------------------------------------------------------------
+
+
+STATUS = {"type": msg.AutopilotStatus._type, "md5sum": msg.AutopilotStatus._md5sum, "callerid": "/somebody"}
+
+
+def watched():
+    """Return a watch of the autopilot's status, and what was taken."""
+    watch, taken = TopicWatch("/autopilot/status", None, World("nowhere")), []
+    watch.take_whole(msg.AutopilotStatus, taken.append)
+    return watch, taken
+
+
+@pytest.mark.parametrize("data", [b"", b"\x01", b"hello" * 3, b"\xff" * 200])
+def test_what_is_no_status_ends_nothing_and_the_next_one_is_taken(data):
+    watch, taken = watched()
+    look = watch.look_for(STATUS)
+    look(memoryview(data))
+    assert taken == []
+    buffer = BytesIO()
+    msg.AutopilotStatus(link_age=0.5).serialize(buffer)
+    look(memoryview(buffer.getvalue()))
+    assert [each.link_age for each in taken] == [0.5]
+
+
+def test_a_publisher_of_another_kind_is_not_read():
+    watch, taken = watched()
+    buffer = BytesIO()
+    msg.AutopilotStatus(link_age=0.5).serialize(buffer)
+    look = watch.look_for({**STATUS, "type": "std_msgs/String", "md5sum": "992ce8a1687cec8c8bd883ec73ca41d1"})
+    look(memoryview(buffer.getvalue()))
+    assert taken == []
+
+
+def test_a_look_that_fails_ends_nothing():
+    watch = TopicWatch("/autopilot/status", None, World("nowhere"))
+
+    def fails(_message):
+        raise MemoryError
+
+    watch.take_whole(msg.AutopilotStatus, fails)
+    watch.look_for(STATUS)(memoryview(b"\x00" * 400))
+
+
+# --- restarts ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("error", [RestartRefusedError("imu"), RuntimeError("can't start new thread"), MemoryError()])
+def test_a_restart_that_cannot_begin_has_failed(error):
+    outcomes = []
+
+    def begin(_request):
+        raise error
+
+    watchdog = SimpleNamespace(restart_outcome=lambda request, now_ns, good: outcomes.append((request, now_ns, good)))
+    nodes = SimpleNamespace(
+        _restarter=SimpleNamespace(begin=begin), _watchdog=watchdog, _clock=SimpleNamespace(now_ns=lambda: 7)
+    )
+    request = SimpleNamespace(component="lrf")
+    node.WatchdogNode._restart(nodes, request)
+    assert outcomes == [(request, 7, False)]
+
+
+@pytest.mark.live
+def test_a_restart_begins_where_no_thread_can_be_had(monkeypatch):
+    spec = SimpleNamespace(name="lrf", group="sensors", restart=SimpleNamespace(policy=RestartPolicy.COMMAND))
+    told = SimpleQueue()
+    begun = restarter.Restarter((spec,), {}, lambda request, good: told.put((request, good)))
+
+    def start(_thread):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    request = RestartRequest("lrf", 1, RestartPolicy.COMMAND, "", ("true",), 30_000 * MS)
+    begun.begin(request)
+    assert told.get(timeout=30.0) == (request, True)

@@ -4,7 +4,11 @@ A silent connection keeps all others out: rospy reads the header of a new connec
 Whoever connects and says nothing keeps everybody else out for 60 s, its limit: the console's command to land, a
 recorder, a check. A half-open connection does so, a port scan, and any node that subscribes to a topic of which a dead
 node is still on the master's list, when the dead one's port is ours by now: it asks there in another protocol
-(http://wiki.ros.org/ROS/Slave_API), and waits. Each header is read on a thread of its own.
+(http://wiki.ros.org/ROS/Slave_API), and waits. Each header is read on a thread of its own; of too many of them the one
+that has said nothing for the longest time is closed.
+
+A node that can have no descriptor or thread, once, is closed to all for good: the thread that accepts connections ends
+with the first error, and nobody sees it. It goes on.
 
 A node cannot end well: rospy 1.15.9, which Debian 11 has, calls `Thread.isAlive`, which its Python 3.9 has no more. So
 every node ended with a traceback and the status 1, whatever its own was.
@@ -19,19 +23,22 @@ every node that said a word: the journal, a planner in the middle of a flight. I
 
 from __future__ import annotations
 
+import socket
 import threading
+import time
 import xmlrpc.client
 from contextlib import suppress
 from typing import Any, Callable, Dict, List
 
 import rospy
 import rospy.core
-from rospy.impl.tcpros_base import TCPROSServer
+from rospy.impl.tcpros_base import TCPROSServer, TCPServer
 
 
 def mend_rospy() -> None:
     """Call it before `rospy.init_node`; more than once is the same."""
     TCPROSServer._tcp_server_callback = _accept
+    TCPServer.run = _serve
     rospy.core._add_shutdown_hook = _add_hook
     rospy.get_param_cached = _asked_once  # in all of rospy nobody else asks so
     if not hasattr(threading.Thread, "isAlive"):
@@ -54,11 +61,59 @@ def _asked_once(name: str, default: Any = None) -> Any:
     return _answers[name]
 
 
+_MOST_SILENT, _AGAIN_S, _SAY_AGAIN_S = 100, 0.05, 5.0
 _read = TCPROSServer._tcp_server_callback
+_silent: Dict[int, socket.socket] = {}  # connections whose header has not come yet, the oldest first
+_silent_lock = threading.Lock()
 
 
-def _accept(server: Any, sock: Any, address: Any) -> None:
-    threading.Thread(target=_read, args=(server, sock, address), name="inbound", daemon=True).start()
+def _accept(server: Any, sock: socket.socket, address: Any) -> None:
+    with _silent_lock:
+        _silent[id(sock)] = sock
+        oldest = next(iter(_silent.values())) if len(_silent) > _MOST_SILENT else None
+    if oldest is not None:
+        with suppress(OSError):
+            oldest.shutdown(socket.SHUT_RDWR)  # its thread sees the end of it
+    try:
+        threading.Thread(target=_read_header, args=(server, sock, address), name="inbound", daemon=True).start()
+    except BaseException:
+        _forget(sock)
+        raise
+
+
+def _read_header(server: Any, sock: socket.socket, address: Any) -> None:
+    try:
+        _read(server, sock, address)
+    finally:
+        _forget(sock)
+
+
+def _forget(sock: socket.socket) -> None:
+    with _silent_lock:
+        _silent.pop(id(sock), None)
+
+
+def _serve(server: Any) -> None:
+    """Accept connections until the server is shut down: one that cannot be had is not the last one."""
+    server.is_shutdown = False
+    while not server.is_shutdown:
+        try:
+            sock, address = server.server_sock.accept()
+        except OSError as error:  # a time-out among them
+            if not isinstance(error, (socket.timeout, ConnectionAbortedError)) and not server.is_shutdown:
+                _complain("no connection can be accepted", error)
+                time.sleep(_AGAIN_S)
+            continue
+        try:
+            server.inbound_handler(sock, address)
+        except Exception as error:
+            _complain(f"a connection from {address} cannot be served", error)
+            sock.close()
+
+
+def _complain(words: str, error: Exception) -> None:
+    with suppress(Exception):  # there may be no memory for it: to go on is what counts
+        rospy.logerr_throttle(_SAY_AGAIN_S, f"{words}: {error!r}")
 
 
 _add = rospy.core._add_shutdown_hook

@@ -125,14 +125,17 @@ class Farewell:
         self._lock = threading.Condition()
         self._waits: Dict[int, str] = {}
         self._sent: Dict[str, str] = {}
-        self._seen = self._landing = False
+        self._seen = self._landing = self._open = False
 
-    def see(self, event: Event, commands: Tuple[Command, ...]) -> None:
-        """Take notice of a step of the engine: the shutdown, the requests to land, and their replies."""
+    def see(self, event: Event, commands: Tuple[Command, ...], state: EngineState) -> None:
+        """Take notice of a step of the engine: the shutdown, the requests to land, and their replies.
+
+        While the engine suspects that a pilot takes over, a shutdown stays open: he flies, or LAND goes out.
+        """
         if not self._seen and not isinstance(event, Shutdown):
             return
         with self._lock:
-            self._seen = True
+            self._seen, self._open = True, bool(state.signal)
             for command in commands:
                 route = _route(command)
                 if route:
@@ -164,7 +167,7 @@ class Farewell:
                 self._lock.wait(min(left_s, _SLICE_S))
 
     def _over(self) -> bool:
-        if not self._seen:
+        if not self._seen or self._open:
             return False
         return not self._landing or all(self._sent.get(route) == Outcome.ACCEPTED.value for route in _ROUTES)
 

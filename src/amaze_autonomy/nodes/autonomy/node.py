@@ -175,7 +175,7 @@ class AutonomyNode:
             self._configuration.effective,
             self._configuration.hash,
             boot_id=run_folder.boot_id(),
-            clock="ROS time" if not rospy.rostime.is_wallclock() else "monotonic",
+            clock="ROS time" if not rospy.rostime.is_wallclock() else run_folder.BOOT_CLOCK,
             label=self._label,
             **self._place.facts(),
             python=sys.version.split()[0],
@@ -286,7 +286,7 @@ class AutonomyNode:
         self._outbox.put(event, state, commands)
         self._clocks.see(event)
         self._state_publisher.see(event)
-        self._farewell.see(event, commands)
+        self._farewell.see(event, commands, state)
         self._ending.see(state)
         if self._unattended is not None:
             command = self._unattended.answer(state)

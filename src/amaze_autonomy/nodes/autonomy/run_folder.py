@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import rospkg
 
@@ -31,7 +31,9 @@ from ...ros.errors import StartError
 RESULT_NAME = "result.json"
 _REGISTER = "journals"
 _LONGEST_HEADER = 1 << 20
-_LOOKED_AT = 50  # journals of other engines or of other flights, before the search for the own one is given up
+BOOT_CLOCK = "monotonic"  # of journals whose times go on within a boot, whatever is done to the wall clock
+_LOOKED_AT = 500  # journals, before the search for the own one is given up
+_TAIL = 1 << 16  # of a journal, in which its last line is
 REPORT_NAME = "report.txt"
 
 
@@ -188,24 +190,61 @@ def registered(session_id: str) -> Optional[Path]:
 
 
 def find_unfinished(place: Place) -> Optional[Unfinished]:
-    """Return the journal to go on with: the last of this engine, when it is of this boot and has not ended.
+    """Return the journal to go on with: the last of this engine in this boot, when it has not ended.
+
+    The dates of files tell which was the last only as far as the wall clock goes on: a computer without a clock of its
+    own begins each boot with an old time. So a journal of another boot is passed over, whatever its date, and of those of
+    this one the last word counts, on the clock of the boot.
 
     Raises:
         StartError: There is one, and it is damaged.
     """
-    for path in _newest_first(place):
+    ours: List[Tuple[Path, Dict[str, Any]]] = []
+    newest_first = _newest_first(place)
+    for path in newest_first:
         try:
             header = _header(path)
-            if not place.has(path, header):
-                continue
-            if _ended(path.parent / RESULT_NAME) or header.get("boot_id") != boot_id():
-                return None
-            data = path.read_bytes()
-            journal = codec.read(data[: codec.whole_lines(data)].decode())
         except (OSError, UnicodeDecodeError, codec.JournalError) as error:
-            raise StartError(f"{path} is of a run that did not end, and cannot be read: {error}") from error
-        return Unfinished(path, header, [line.payload for line in journal.lines if isinstance(line.payload, Event)])
-    return None
+            if path == newest_first[0]:
+                raise _cannot_be_read(path, error) from error
+            continue
+        if place.has(path, header) and header.get("boot_id") == boot_id():
+            ours.append((path, header))
+    if not ours:
+        return None
+    path, header = _last_of(ours)
+    return None if _ended(path.parent / RESULT_NAME) else _unfinished(path, header)
+
+
+def _last_of(journals: Sequence[Tuple[Path, Dict[str, Any]]]) -> Tuple[Path, Dict[str, Any]]:
+    """Return the journal, of some with the newest first, whose last word came last on a clock that is never set."""
+    newest = journals[0]
+    if newest[1].get("clock") != BOOT_CLOCK:
+        return newest
+    return max((each for each in journals if each[1].get("clock") == BOOT_CLOCK), key=lambda each: _last_ns(each[0]))
+
+
+def _last_ns(path: Path) -> int:
+    """Return the time of the last line that can be read, ns; -1: there is none."""
+    with suppress(OSError), path.open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - _TAIL))
+        for line in reversed(file.read().split(b"\n")):
+            with suppress(ValueError, KeyError, TypeError):
+                return int(json.loads(line)["t_ns"])
+    return -1
+
+
+def _unfinished(path: Path, header: Dict[str, Any]) -> Unfinished:
+    try:
+        data = path.read_bytes()
+        journal = codec.read(data[: codec.whole_lines(data)].decode())
+    except (OSError, UnicodeDecodeError, codec.JournalError) as error:
+        raise _cannot_be_read(path, error) from error
+    return Unfinished(path, header, [line.payload for line in journal.lines if isinstance(line.payload, Event)])
+
+
+def _cannot_be_read(path: Path, error: Exception) -> StartError:
+    return StartError(f"{path} is of a run that did not end, and cannot be read: {error}")
 
 
 def _newest_first(place: Place) -> List[Path]:

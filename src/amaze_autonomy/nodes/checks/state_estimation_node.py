@@ -65,6 +65,7 @@ class Estimator:
         limit_ns = configuration.rules.limits.autopilot_status_limit_ns
         self._initialisation, self._lock = Initialisation(self._spec, limit_ns), threading.Lock()
         self._workers = Workers("initialisation")
+        self._workers.prepare(1)
 
     def listen(self) -> None:
         """Subscribe to what must be known: is the vehicle disarmed, has a pre-flight or the mission begun?"""
@@ -82,8 +83,15 @@ class Estimator:
         with self._lock:
             said, due = self._initialisation.check(self._clock.now_ns(), judge())
         if due:
-            self._workers.submit(self._initialise)
+            self._begin()
         return said
+
+    def _begin(self) -> None:
+        try:
+            self._workers.submit(self._initialise)
+        except (RuntimeError, MemoryError) as error:  # no thread: it is asked for again with the next check
+            with self._lock:
+                self._initialisation.answered(self._clock.now_ns(), f"{self._spec.service}: not asked: {error}")
 
     def _initialise(self) -> None:
         failure = f"{self._spec.service}: its call ended without an answer"

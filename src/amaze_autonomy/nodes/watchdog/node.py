@@ -92,7 +92,7 @@ class WatchdogNode:
             for spec in component.topics:
                 self._watch(watches, spec.topic).use(component.name, spec)
         if any(component.autopilot for component in self._specs):
-            self._watch(watches, "autopilot/status").take_whole(self._take_autopilot)
+            self._watch(watches, "autopilot/status").take_whole(msg.AutopilotStatus, self._take_autopilot)
         return watches
 
     def _watch(self, watches: Dict[str, TopicWatch], topic: str) -> TopicWatch:
@@ -165,9 +165,8 @@ class WatchdogNode:
         for (name, driver), (t_ns, good, message) in list(self._answers.items()):
             self._answer(name, driver, min(now_ns, t_ns + stall_ns), good, message)
 
-    def _take_autopilot(self, data: memoryview) -> None:
+    def _take_autopilot(self, status: Any) -> None:
         """Take what the autopilot says of its sensors; when its link is old, it says nothing."""
-        status = msg.AutopilotStatus().deserialize(bytes(data))
         limit_s = min(spec.polling.autopilot_age_limit_ns for spec in self._specs) / _S
         fresh = status.link_age <= limit_s
         health = {sensor: _HEALTH.get(getattr(status, sensor.value)) if fresh else None for sensor in AutopilotSensor}
@@ -191,8 +190,8 @@ class WatchdogNode:
     def _restart(self, request: RestartRequest) -> None:
         try:
             self._restarter.begin(request)
-        except RestartRefusedError as error:
-            rospy.logerr("%s", error)
+        except (RestartRefusedError, RuntimeError, MemoryError) as error:  # the last two: there is no thread for it
+            rospy.logerr("%s: not restarted: %s", request.component, error)
             self._watchdog.restart_outcome(request, self._clock.now_ns(), good=False)
 
     def _tell_restart(self, request: RestartRequest, good: bool) -> None:  # noqa: FBT001

@@ -25,6 +25,7 @@ from amaze_autonomy.ros.liveness import NodeLiveness, Place, call, find
 
 from ...ros.errors import BrokenCallError, CallError, UnavailableError
 
+_AHEAD = 2  # restarts that find a thread when the system gives none
 _POLITE_S = 1.0  # for a node to shut down by itself
 _GONE = "it is gone"
 _YOUNG_S = 2.0  # a node that started so recently is just coming back
@@ -48,12 +49,14 @@ class Restarter:
         self._specs = {spec.name: spec for spec in specs}
         self._nodes, self._tell = nodes, tell
         self._workers = Workers("restart")
+        self._workers.prepare(_AHEAD)  # what fails may fail for want of processes or memory: nothing is left then
 
     def begin(self, request: RestartRequest) -> None:
         """Begin a restart; returns at once.
 
         Raises:
             RestartRefusedError: It belongs to the PX4, or to nobody.
+            RuntimeError: No thread can be had for it. Likewise MemoryError.
         """
         spec = self._specs.get(request.component)
         if spec is None or spec.group == "px4" or spec.restart.policy is RestartPolicy.NEVER:

@@ -11,7 +11,7 @@ import struct
 import zlib
 from math import isfinite
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Type
 
 import roslib.message
 import rospy
@@ -25,7 +25,8 @@ from amaze_autonomy.ros.clock import Clock
 
 from ...engine.events import Mission, Verdict
 from ...monitoring.watchdog import Streams
-from ...ros.topic_reader import ALL, STAMP_BYTES, Look, Tally, TopicReader
+from ...ros.errors import report
+from ...ros.topic_reader import ALL, STAMP_BYTES, Look, Tally, TopicReader, message_look
 
 # --- what a message says ----------------------------------------------------------------------------------------------
 # The stamp and the digest need no decoding. Serialization: http://wiki.ros.org/msg (little endian, fields in order).
@@ -253,7 +254,7 @@ class TopicWatch:
         self._uses: List[Tuple[str, TopicSpec]] = []
         self._contents: List[Tuple[str, TopicSpec]] = []
         self._stamps: List[Tuple[str, TopicSpec]] = []
-        self._takers: List[Callable[[memoryview], None]] = []
+        self._takers: List[Tuple[Type[Any], Look]] = []
 
     def use(self, component: str, spec: TopicSpec) -> None:
         """Count it for a component, and look at it as its specification asks."""
@@ -265,9 +266,9 @@ class TopicWatch:
             self._contents.append((component, spec))
             self.tally.wanted = ALL
 
-    def take_whole(self, take: Callable[[memoryview], None]) -> None:
-        """Hand every message to somebody who reads it."""
-        self._takers.append(take)
+    def take_whole(self, kind: Type[Any], take: Callable[[Any], None]) -> None:
+        """Hand every message of a kind to somebody; who publishes another one there is not read, and named."""
+        self._takers.append((kind, message_look(self.tally.topic, kind, take)))
         self.tally.wanted = ALL
 
     def flush(self, now_ns: int) -> None:
@@ -286,10 +287,21 @@ class TopicWatch:
             rospy.logerr("%s: %s is not installed here: its content fails", self.tally.topic, content.type_name)
         if self._stamps and not content.has_header:
             rospy.logerr("%s: %s has no header: its stamps are not looked at", self.tally.topic, content.type_name)
-        return lambda data: self._look(content, data)
+        takers = [look for kind, look in self._takers if connection.get("md5sum") == kind._md5sum]
+        if len(takers) < len(self._takers):
+            who, what = connection.get("callerid"), connection.get("type")
+            rospy.logerr("%s: what %s says there is not read: %s is none of ours", self.tally.topic, who, what)
+        return lambda data: self._look(content, takers, data)
 
-    def _look(self, content: MessageContent, data: memoryview) -> None:
-        for take in self._takers:
+    def _look(self, content: MessageContent, takers: Sequence[Look], data: memoryview) -> None:
+        """Look at a message; one that cannot be looked at is silence: nothing of it ends the watchdog."""
+        try:
+            self._look_at(content, takers, data)
+        except Exception:
+            report(_log, "%s: %d bytes of %s could not be looked at", self.tally.topic, len(data), content.type_name)
+
+    def _look_at(self, content: MessageContent, takers: Sequence[Look], data: memoryview) -> None:
+        for take in takers:
             take(data)
         if self._stamps:
             stamp_ns = content.stamp_ns(data)
