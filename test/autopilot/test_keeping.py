@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import threading
+from types import SimpleNamespace
 
 import pytest
 from autopilot_tools import beat
 from flying import BACK, Flying, S
 
 from amaze_autonomy.autopilot.errors import KeyFileError
+from amaze_autonomy.autopilot.link import state_files
 from amaze_autonomy.autopilot.link.state_files import StampFile, keep, origin_from, origin_to, read_kept
 from amaze_autonomy.autopilot.link.wire import Wire, time_stamp
 from amaze_autonomy.autopilot.planner.loading import Origin
@@ -18,6 +21,7 @@ from amaze_autonomy.missions import Home
 
 KEY = bytes(range(32))
 NOW_NS = 1_800_000_000 * S
+LIMIT_S = 60.0
 
 
 @pytest.mark.parametrize(
@@ -114,13 +118,48 @@ def test_the_vehicle_is_believed_after_a_restart(tmp_path):
     assert len(ours.receive(Wire(1, 1, key=KEY).send(beat(), NOW_NS), None, NOW_NS)) == 1
 
 
-def test_the_file_is_written_every_half_minute_not_with_each_frame(tmp_path):
+@pytest.fixture
+def disk(monkeypatch):
+    """Return a disk that hangs as long as `goes_on` is not set; `began` counts its writes."""
+    made = SimpleNamespace(goes_on=threading.Event(), began=threading.Semaphore(0), ended=threading.Semaphore(0))
+    made.goes_on.set()
+
+    def hangs(path, value):
+        made.began.release()
+        assert made.goes_on.wait(LIMIT_S)
+        keep(path, value)
+        made.ended.release()
+
+    monkeypatch.setattr(state_files, "keep", hangs)
+    yield made
+    made.goes_on.set()
+
+
+def test_the_file_is_written_ahead_and_not_with_each_frame(tmp_path, disk):
     _, wire = signed(tmp_path / "stamp", NOW_NS)
-    written = set()
+    assert all(disk.ended.acquire(timeout=LIMIT_S) for _ in range(2)), "the try, and what the first frame reserves"
     for second in range(60):
         wire.send(beat(), NOW_NS + second * S)
-        written.add((tmp_path / "stamp").read_text())
-    assert len(written) == 2
+        if second in (16, 32, 48):
+            assert disk.ended.acquire(timeout=LIMIT_S), second
+        ahead = read_kept(tmp_path / "stamp")["time_stamp"] - time_stamp(NOW_NS + second * S)
+        assert 0 < ahead <= 30 * 100_000
+    assert not disk.ended.acquire(blocking=False)
+    wire.verifier.close()
+    assert read_kept(tmp_path / "stamp")["time_stamp"] == time_stamp(NOW_NS + 59 * S)
+
+
+def test_a_disk_that_hangs_holds_up_no_message(tmp_path, disk, monkeypatch):
+    monkeypatch.setattr(state_files, "_CLOSE_LIMIT_S", 0.01)
+    _, wire = signed(tmp_path / "stamp", NOW_NS)
+    disk.goes_on.clear()
+    assert all(disk.began.acquire(timeout=LIMIT_S) for _ in range(2))
+    sent = [wire.send(beat(), NOW_NS + second * S) for second in range(300)]  # none waits
+    assert disk.began.acquire(timeout=LIMIT_S)
+    assert len({raw[-12:-6] for raw in sent}) == len(sent)
+    wire.verifier.close()  # nor does its end
+    disk.goes_on.set()
+    assert disk.ended.acquire(timeout=LIMIT_S)
 
 
 @pytest.mark.parametrize("text", ["", "x", '{"time_stamp": -1}', '{"time_stamp": "7"}', f'{{"time_stamp": {1 << 60}}}'])

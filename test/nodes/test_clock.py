@@ -8,6 +8,12 @@ import pytest
 
 pytest.importorskip("rospy")
 
+from pymavlink.dialects.v20 import common as mavlink
+
+from amaze_autonomy.autopilot.vehicle.client import AutopilotClient
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.monitoring.battery import BatterySpec
+from amaze_autonomy.nodes.vehicle.vehicle_link import make_link
 from amaze_autonomy.ros.clock import MonotonicClock, SimulatedClock
 
 S = 1_000_000_000
@@ -117,3 +123,24 @@ def test_a_process_that_was_stopped_does_not_take_itself_for_a_clock_that_stands
     wall.ns += 30 * S
     assert wall.clock.now_ns() == 101 * S
     assert wall.clock.stalled_s() == 0.0
+
+
+def test_a_landing_is_sent_again_while_the_clock_stands():
+    wall = Wall()
+    client = AutopilotClient(AutopilotSettings(), BatterySpec(cells=4), lambda: (1, 1))
+    make_link(client.settings, client.settings.link, client, (), wall.clock)
+    mode = 4 << 16 | 4 << 24  # AUTO.MISSION of a PX4
+    for _ in range(20):
+        beat = mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 0x81, mode, 4, 3
+        )
+        beat._header = mavlink.MAVLink_header(0, srcSystem=1, srcComponent=1)
+        client.receive(wall.clock.now_ns(), beat)
+        client.wake(wall.clock.now_ns())
+        wall.passes(0.05, speed=1.0)
+    sent = list(client.land(wall.clock.now_ns())[1])
+    for _ in range(100):
+        wall.passes(0.05)
+        sent += client.wake(wall.clock.now_ns())
+    commands = [each.command for each in sent if each.get_type() == "COMMAND_LONG"]
+    assert commands.count(mavlink.MAV_CMD_DO_SET_MODE) > 5

@@ -80,7 +80,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
         take_precedence_or_say(_nice())
         configuration = load_configuration(configuration_folder(), overrides())
         wait_for_time(stopped)
-        node = make(configuration, make_clock())
+        node = make(configuration, make_clock(stall_limit_ns=configuration.rules.limits.clock_stall_limit_ns))
         settle()
         reconnector.start()
         if not stopped.is_set():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import threading
 from math import isfinite
 from pathlib import Path
 from typing import Any, Dict, List, Optional
@@ -71,13 +72,16 @@ def _numbers(value: Any) -> List[float]:
 # The time stamp of signatures in a file: https://mavlink.io/en/guide/message_signing.html#timestamp-handling.
 
 
-_BLOCK = 30 * 100_000  # time stamps of 10 us that are used up before the file is written again
+_BLOCK = 30 * 100_000  # time stamps of 10 us that the file is ahead; it is written again when half of them are used up
+_CLOSE_LIMIT_S = 2.0
 
 
 class StampFile:
     """The time stamp of signatures, so that it never goes back: not over a restart, nor with a clock that was set back.
 
-    The file is ahead of what was used: so it is written every 30 s only, and a process that was killed repeats none.
+    The file is ahead of what was used, by 30 s at most: a process that was killed repeats none. Only the first time
+    stamp of a process waits for the disk; from then on a thread writes ahead, since a disk that hangs must hold up no
+    message. Where it does, signing goes on, and only the memory of it is at stake.
 
     Args:
         path: of the file, one for each address.
@@ -88,6 +92,8 @@ class StampFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._due, self._writer = threading.Event(), threading.Thread(target=self._run, name="stamps", daemon=True)
+        self._ended = False
         kept = read_kept(path).get("time_stamp")
         self.newest = self._reserved = kept if isinstance(kept, int) and 0 <= kept < 1 << 48 else 0
         try:
@@ -99,12 +105,27 @@ class StampFile:
     def use(self, stamp: int) -> None:
         """Note that a time stamp is used."""
         self.newest = stamp
-        if stamp >= self._reserved:
+        if self._writer.ident is None:
             self._write(stamp + _BLOCK)
+            self._writer.start()
+        elif stamp > self._reserved - _BLOCK // 2:
+            self._due.set()
 
     def close(self) -> None:
-        """Keep the last one that was used."""
-        self._write(self.newest)
+        """Keep the last one that was used, unless the disk hangs."""
+        self._ended = True
+        self._due.set()
+        if self._writer.ident is not None:
+            self._writer.join(_CLOSE_LIMIT_S)
+        if not self._writer.is_alive():
+            self._write(self.newest)
+
+    def _run(self) -> None:
+        while not self._ended:
+            self._due.wait()
+            self._due.clear()
+            if not self._ended:
+                self._write(self.newest + _BLOCK)
 
     def _write(self, stamp: int) -> None:
         self._reserved = stamp

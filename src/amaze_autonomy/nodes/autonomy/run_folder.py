@@ -193,8 +193,8 @@ def find_unfinished(place: Place) -> Optional[Unfinished]:
     """Return the journal to go on with: the last of this engine in this boot, when it has not ended.
 
     The dates of files tell which was the last only as far as the wall clock goes on: a computer without a clock of its
-    own begins each boot with an old time. So a journal of another boot is passed over, whatever its date, and of those of
-    this one the last word counts, on the clock of the boot.
+    own begins each boot with an old time. So a journal of another boot is passed over, whatever its date, and of those
+    of this one the last word counts, on the clock of the boot.
 
     Raises:
         StartError: There is one, and it is damaged.

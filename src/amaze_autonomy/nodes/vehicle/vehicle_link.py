@@ -74,6 +74,9 @@ def make_link(
 ) -> Link:
     """Return the link that the configuration asks for.
 
+    A landing needs time that passes: where /clock stands (`use_sim_time`), the clock goes on by itself from its limit
+    on, or what was lost on the way would not be sent again.
+
     Args:
         settings: which backend, and of mavros.
         link: of this node, for MAVLink.
@@ -84,6 +87,7 @@ def make_link(
     Raises:
         StartError: it cannot be.
     """
+    clock.goes_on = True
     try:
         if settings.backend == "mavros":
             from .mavros_link import MavrosLink  # noqa: PLC0415 - mavros_msgs is needed by nobody else
