@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -78,6 +79,15 @@ missions:
     files: [trajectories/hop.csv]
     severities: {fast: low}
     required: [camera]
+"""
+STRANGER = """
+import sys, rospy
+from std_msgs.msg import String
+rospy.init_node("stranger")
+said, rate = rospy.Publisher(sys.argv[1], String, queue_size=1), rospy.Rate(20)
+while not rospy.is_shutdown():
+    said.publish("x" * 7)
+    rate.sleep()
 """
 NOMINAL, NON_CRITICAL, INCONVENIENT, HOLD, ABORT = 1, 2, 4, 8, 16
 NONE, TRYING, GIVEN_UP = 0, 1, 2
@@ -312,6 +322,18 @@ class TestWatchdog(unittest.TestCase):
         self.assertEqual(
             [each.code for _, each in self.listener.actions[count:]], [NOMINAL] * len(self.listener.actions[count:])
         )
+
+    def test_14_another_publishers_message_ends_nothing_and_is_named(self):
+        stranger = subprocess.Popen([sys.executable, "-c", STRANGER, rospy.resolve_name("autopilot/status")])
+        try:
+            wait_for(lambda: "/stranger says there is not read: std_msgs/String" in self.node.log, "the word", 30.0)
+            count = len(self.listener.actions)
+            wait_for(lambda: len(self.listener.actions) >= count + 10, "ten heartbeats")
+        finally:
+            stranger.kill()
+            stranger.wait()
+        self.assertEqual({each.code for _, each in self.listener.actions[count:]}, {NOMINAL})
+        self.assertIsNone(self.node.process.poll())
 
     def test_14_diagnostics_have_a_row_for_each_component(self):
         rows = [row for message in self.listener.diagnostics[-3:] for row in message.status]
