@@ -198,7 +198,7 @@ def test_nothing_disarms_on_a_landed_state_that_is_old():
     bench.ask(bench.client.land)
     bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "ON_GROUND")
     take = bench.vehicle.receive
-    bench.vehicle.receive = lambda t_ns, m: None if m.get_type() == "EXTENDED_SYS_STATE" else take(t_ns, m)
+    bench.vehicle.receive = lambda t_ns, m, **_: None if m.get_type() == "EXTENDED_SYS_STATE" else take(t_ns, m)
     bench.advance(1.0)
     assert bench.vehicle.landed(bench.t_ns).name == "ON_GROUND"  # old, and not yet unknown
     answer = bench.ask(bench.client.disarm)

@@ -258,7 +258,7 @@ def test_a_failed_takeoff_does_not_disarm_on_what_the_vehicle_said_a_while_ago()
     take = flying.planner.watch.take
     flying.take_off("line")
     flying.until(lambda: flying.craft.armed)
-    flying.planner.watch.take = lambda t_ns, message: (
+    flying.planner.watch.take = lambda t_ns, message, **_: (
         None if message.get_type() == "EXTENDED_SYS_STATE" else take(t_ns, message)
     )
     flying.until(lambda: flying.craft.height_m > 0.5)
@@ -302,7 +302,9 @@ def test_a_process_that_stood_still_reads_before_it_believes_the_vehicle_silent(
 def test_over_a_link_that_loses_heartbeats_the_vehicle_is_not_silent_while_it_says_other_things():
     flying = Recorded()
     take = flying.planner.watch.take
-    flying.planner.watch.take = lambda t_ns, message: None if message.get_type() == "HEARTBEAT" else take(t_ns, message)
+    flying.planner.watch.take = (
+        lambda t_ns, message, **_: None if message.get_type() == "HEARTBEAT" else take(t_ns, message)
+    )
     flying.run(5 * S)
     assert flying.status.message == ""
 

@@ -204,8 +204,9 @@ def test_who_has_control_of_an_ardupilot_is_known_by_its_mode(mode, status, pilo
     assert (flown.vehicle.control.pilot, flown.vehicle.control.failsafe) == (pilot, failsafe)
     answer, messages = flown.land(2 * S)
     asked = [request_of(each, ARDUPILOT).fields["custom_mode"] for each in messages]
-    assert asked == ([] if pilot or mode == "LAND" else ["LAND"])
-    assert answer.message.startswith("the pilot has control" if pilot else "")
+    assert asked == ([] if pilot or failsafe else ["LAND"])  # that lands it already, or acts
+    acts = "the autopilot acts by its failsafe" if mode == "RTL" else ""
+    assert answer.message.startswith("the pilot has control" if pilot else acts)
 
 
 def test_met_in_the_air_in_a_mode_that_nobody_knows_it_is_left_to_its_pilot():
@@ -340,6 +341,70 @@ def test_a_position_is_as_good_as_it_says(flags, valid):
     assert not position.judged
     position.add_ardupilot_flags(0, Converter().convert(RECEIVED, received(report(flags))))
     assert (position.judged, position.valid(0)) == (True, valid)
+
+
+def pack(state, number=0, cells=(3000, 3000, 3000), percent=87):
+    """Return a BATTERY_STATUS: three cells at 3.0 V, 87 % by the current, as an ArduCopter of 4.5.6 said."""
+    volts = [*cells, *[65535] * (10 - len(cells))]
+    return mavlink.MAVLink_battery_status_message(number, 0, 1, 32767, volts, 3933, 424, 157, percent, 0, state)
+
+
+CRITICAL = mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL
+
+
+def test_the_judgement_of_a_battery_is_taken_from_what_mavros_receives_and_its_topic_does_not_take_it_back():
+    """mavros' topic `battery` is made of the same message, without the charge state."""
+    ardupilot, converter = client(state("GUIDED", armed=True)), Converter()
+    topic = Said(location="id0", voltage=9.0, cell_voltage=[3.0] * 3, current=-39.3, percentage=0.87)
+    for number in range(8):
+        for made in (
+            converter.convert(RECEIVED, received(pack(CRITICAL))),
+            converter.convert(BY_TOPIC["battery"], topic),
+        ):
+            if made is not None:
+                ardupilot.receive(number * S // 2, made)
+    reading = ardupilot.vehicle.battery.reading(4 * S)
+    assert (reading.charge_state, reading.fraction, reading.voltage_v) == (CRITICAL, 0.07, 9.0)
+    assert ardupilot.vehicle.status(4 * S).battery_critical
+    for number in range(5):  # that has ended: after five of its topic they count
+        assert (converter.convert(BY_TOPIC["battery"], topic) is None) is (number < 4)
+    assert converter.convert(BY_TOPIC["battery"], topic).charge_state == 0
+    other = Said(location="id1", voltage=9.0, cell_voltage=[3.0] * 3, current=-1.0, percentage=0.5)
+    converter.convert(RECEIVED, received(pack(CRITICAL)))
+    assert converter.convert(BY_TOPIC["battery"], other).id == 1  # of this pack nothing else came
+
+
+def test_a_battery_that_mavros_receives_without_a_charge_state_is_not_judged():
+    """Of MAVLink 1, or of an old autopilot, it is not in the payload."""
+    old = pack(CRITICAL)
+    whole = received(old)
+    short = Said(**{**vars(whole), "len": 36})
+    made = Converter().convert(RECEIVED, short)
+    assert (made.charge_state, made.voltages[:4], made.battery_remaining) == (0, [3000, 3000, 3000, 65535], 87)
+
+
+@pytest.mark.parametrize(
+    "charge_state, verdict, advice",
+    [
+        (None, Verdict.WARN, "the autopilot does not judge its battery: its level and voltage alone count"),
+        (0, Verdict.WARN, "the autopilot does not judge its battery: its level and voltage alone count"),
+        (99, Verdict.WARN, "the autopilot does not judge its battery: its level and voltage alone count"),
+        (1, Verdict.PASS, ""),
+        (7, Verdict.PASS, ""),
+        (2, Verdict.FAIL, "the autopilot says low: change or charge the battery"),
+        (CRITICAL, Verdict.FAIL, "the autopilot says critical: change or charge the battery"),
+    ],
+)
+def test_a_battery_that_nobody_judges_is_warned_of_and_does_not_keep_it_on_the_ground(charge_state, verdict, advice):
+    node = client(state("STABILIZE"), backend="mavlink")
+    if charge_state is None:
+        node.receive(0, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15800, 100, 90, 0, 0, 0, 0, 0, 0))
+    else:
+        node.receive(0, pack(charge_state, cells=(3950,) * 4, percent=90))
+    found = node.check_battery(0, 0.5)
+    row = found.checks[-1]
+    assert (row.name, row.verdict, row.advice) == ("battery state", verdict, advice)
+    assert found.ok is (verdict is not Verdict.FAIL)
 
 
 def test_damaged_ones_those_of_others_and_all_else_are_passed_over():

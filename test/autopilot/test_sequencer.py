@@ -568,7 +568,7 @@ def test_set_points_follow_the_legs_no_faster_than_the_model():
 def deaf(flying, *kinds) -> None:
     """Have the planner miss messages of some kinds."""
     take = VehicleWatch.take
-    flying.planner.watch.take = lambda t_ns, message: (
+    flying.planner.watch.take = lambda t_ns, message, **_: (
         None if message.get_type() in kinds else take(flying.planner.watch, t_ns, message)
     )
 

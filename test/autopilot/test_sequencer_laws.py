@@ -111,7 +111,7 @@ class Watched(Flying):
 EVENTS = st.one_of(
     st.tuples(st.just("command"), st.sampled_from(sorted(A, key=lambda each: each.value))),
     st.tuples(st.just("load"), st.sampled_from(["line", "inside", "both"])),
-    st.tuples(st.just("pilot"), st.sampled_from(["POSCTL", "MANUAL"])),
+    st.tuples(st.just("pilot"), st.sampled_from(["POSCTL", "MANUAL", "AUTO.RTL"])),
     st.tuples(st.just("failsafe"), st.sampled_from(["AUTO.RTL", "AUTO.LAND", "AUTO.LOITER"])),
     st.tuples(st.just("mode"), st.sampled_from(["AUTO.LAND", "AUTO.LOITER"])),
     st.tuples(st.just("ignores"), st.sampled_from(["AUTO.LAND", "AUTO.LOITER", "AUTO.MISSION", "OFFBOARD"])),
@@ -170,7 +170,9 @@ def deaf(flying, so) -> None:
     watch.__dict__.pop("take", None)
     take = watch.take
     if so:
-        watch.take = lambda t_ns, message: None if message.get_type() == "EXTENDED_SYS_STATE" else take(t_ns, message)
+        watch.take = (
+            lambda t_ns, message, **_: None if message.get_type() == "EXTENDED_SYS_STATE" else take(t_ns, message)
+        )
 
 
 def stand(flying, for_ms) -> None:
@@ -216,6 +218,7 @@ def calm_down(flying) -> None:
 @example("inside", PX4, [(50, ("refuses to arm", True)), (1000, ("cut", 5000)), (300, ("command", A.LAND))])
 @example("line", PX4, [(0, ("command", A.ABORT)), (4000, ("load", "line")), (50, ("command", A.LAND))])
 @example("line", PX4, [(50, ("deaf to the ground", True)), (1000, ("command", A.ABORT))])
+@example("line", PX4, [(4000, ("pilot", "AUTO.RTL")), (1000, ("shutdown", None)), (300, ("command", A.LAND))])
 @example("line", PX4, [(4000, ("ignores", "AUTO.LOITER")), (0, ("command", A.HOLD)), (50, ("stands still", 1500))])
 @example("inside", ARDUPILOT, [(1000, ("stands still", 600)), (4000, ("command", A.LAND)), (0, ("stands still", 4000))])
 @settings(max_examples=30, deadline=None)

@@ -8,7 +8,7 @@ import pytest
 from console_scenes import MISSIONS, NOW_S, SCENES
 
 from amaze_autonomy.console.dialog import answered, listed, press, received, tick, typed
-from amaze_autonomy.console.model import Answer, CommandAnswer, Desk, Question, Request, RequestKind, Verdict
+from amaze_autonomy.console.model import Answer, CommandAnswer, Question, Request, RequestKind, Verdict
 from amaze_autonomy.engine.events import UserCommand
 
 HOLD, MISSION, INPUT = SCENES["hold"], SCENES["mission"], replace(SCENES["mission-input"], listed_s=NOW_S)
@@ -56,10 +56,6 @@ def test_a_key_whose_command_is_not_offered_sends_nothing():
     assert (desk, requests) == (replace(HOLD, error="go is not possible now in HOLD."), ())
 
 
-def test_a_key_before_the_engine_was_heard_sends_nothing():
-    assert press(Desk(), "l", NOW_S) == (replace(Desk(), error="land is not possible now."), ())
-
-
 def test_a_key_that_means_nothing_changes_nothing():
     assert press(HOLD, "x", NOW_S) == (HOLD, ())
     assert press(HOLD, "backspace", NOW_S) == (HOLD, ())
@@ -87,10 +83,10 @@ def test_every_key_sends_its_own_command():
 
 
 def test_a_question_is_dropped_when_the_engine_would_not_do_it_any_more():
-    desk, _ = press(HOLD, "l", NOW_S)
+    desk, _ = press(HOLD, "a", NOW_S)
     landing = SCENES["land"].snapshot
     desk = received(desk, landing, NOW_S)
-    assert (desk.question, desk.error) == (None, "Not sent: land is not possible any more.")
+    assert (desk.question, desk.error) == (None, "Not sent: abort is not possible any more.")
     assert press(desk, "enter", NOW_S)[1] == ()
 
 
@@ -99,6 +95,96 @@ def test_a_question_is_dropped_after_ten_seconds():
     assert tick(desk, NOW_S + 9.9)[0].question is not None
     desk, _ = tick(desk, NOW_S + 10.1)
     assert (desk.question, desk.error) == (None, "Not sent: land was not confirmed in time.")
+
+
+# --- land, and what else stops the vehicle, whatever was heard last ---
+
+SILENT_S = 7.0
+NO_CONTACT = "No contact: only hold, land, abort are sent."
+REFUSED = tuple(CommandAnswer(each.value, Verdict.REFUSED, "Not now.") for each in UserCommand)
+EVERYTHING = tuple(each.value for each in UserCommand)
+
+
+def at_rest(name, silent_s=0.0, **snapshot):
+    """A scene in which nothing is under way, of an engine that would refuse everything."""
+    desk = replace(SCENES[name], requests=(), answer=None, question=None, error="", entry="")
+    if desk.snapshot is None:
+        return desk
+    said = replace(desk.snapshot, **{"user_commands": (), "answers": REFUSED, **snapshot})
+    return replace(desk, snapshot=said, received_s=NOW_S - silent_s)
+
+
+unheard = pytest.mark.parametrize(
+    "desk", [at_rest(name, SILENT_S) for name in ("ready", "load-mission", "mission", "waiting-engine")]
+)
+
+
+@pytest.mark.parametrize("silent_s", [0.0, SILENT_S], ids=["heard", "silent"])
+@pytest.mark.parametrize("name", SCENES)
+def test_land_is_sent_to_the_engine_whatever_it_said_last(name, silent_s):
+    """The vehicle may have taken off since; the engine has an answer in every state."""
+    desk = at_rest(name, silent_s)
+    takes_mission = desk.snapshot is not None and desk.snapshot.takes_mission
+    keys = ["l", "enter", "y"] if takes_mission else ["l", "y"]
+    for after, requests in (press_all(desk, *keys), typed(desk, "land", NOW_S)):
+        assert [request.command for request in requests] == [UserCommand.LAND]
+        assert (after.requests, after.answer, after.question, after.error) == (requests, None, None, "")
+
+
+@unheard
+def test_without_contact_hold_and_abort_are_sent_too(desk):
+    assert press(desk, "h", NOW_S)[1] == (Request(RequestKind.COMMAND, 1, UserCommand.HOLD, sent_s=NOW_S),)
+    aborting = (Request(RequestKind.COMMAND, 1, UserCommand.ABORT, sent_s=NOW_S),)
+    assert press_all(desk, "a", "y")[1] == typed(desk, "abort", NOW_S)[1] == aborting
+
+
+@unheard
+@pytest.mark.parametrize(
+    "key, words", [("g", "go"), ("c", "resume"), ("r", "retry"), ("u", "give up"), ("k", "acknowledge")]
+)
+def test_without_contact_nothing_else_is_sent_and_nothing_is_answered_in_the_engines_place(desk, key, words):
+    not_sent = (replace(desk, error=f"Not sent: {words}. {NO_CONTACT}"), ())
+    assert press(desk, key, NOW_S) == typed(desk, words, NOW_S) == not_sent
+
+
+def test_what_was_possible_when_the_engine_was_heard_is_not_sent_without_contact_either():
+    desk = at_rest("ready", SILENT_S, user_commands=EVERYTHING)
+    assert press(desk, "g", NOW_S) == (replace(desk, error=f"Not sent: go. {NO_CONTACT}"), ())
+
+
+def test_a_question_that_is_answered_when_contact_is_lost_sends_a_landing_and_no_takeoff():
+    desk, later_s = at_rest("ready", user_commands=EVERYTHING), NOW_S + 4.0
+    going, landing = (press(desk, key, NOW_S)[0] for key in "gl")
+    assert press(going, "y", later_s) == (replace(desk, error=f"Not sent: go. {NO_CONTACT}"), ())
+    assert [request.command for request in press(landing, "y", later_s)[1]] == [UserCommand.LAND]
+
+
+@pytest.mark.parametrize("silent_s", [0.0, SILENT_S], ids=["heard", "silent"])
+def test_the_question_of_a_landing_stays_when_a_state_comes_that_would_not_do_it(silent_s):
+    """A state that was long under way must not take the key away that has been pressed already."""
+    asked = press(at_rest("mission", silent_s), "l", NOW_S)[0]
+    heard = received(asked, at_rest("load-mission").snapshot, NOW_S)
+    assert (heard.question, heard.error) == (asked.question, "")
+    assert [request.command for request in press(heard, "enter", NOW_S)[1]] == [UserCommand.LAND]
+
+
+def test_without_contact_no_mission_is_selected():
+    desk = replace(INPUT, received_s=NOW_S - SILENT_S)
+    assert press_all(desk, "1", "enter") == typed(desk, "1", NOW_S)
+    assert typed(desk, "1", NOW_S) == (replace(desk, error=f"Not sent: mission 1. {NO_CONTACT}"), ())
+    asked = typed(INPUT, "1", NOW_S)[0]
+    assert typed(asked, "y", NOW_S + 4.0)[1] == ()
+
+
+def test_without_contact_a_mission_whose_id_is_a_command_is_that_command():
+    desk = replace(INPUT, missions=(replace(MISSIONS[0], id="land"),), received_s=NOW_S - SILENT_S)
+    assert typed(desk, "land", NOW_S)[1] == (LAND,)
+
+
+def test_without_contact_an_unknown_word_gives_what_is_sent():
+    desk = at_rest("ready", SILENT_S)
+    error = '"hover" is not a command. Possible now: hold (h), land (l), abort (a), quit.'
+    assert typed(desk, "hover", NOW_S) == (replace(desk, error=error), ())
 
 
 # --- closing ---
@@ -260,13 +346,13 @@ def test_an_answer_vanishes_with_the_state_that_it_was_for_once_it_could_be_read
     assert tick(desk, NOW_S + 14.0)[0].answer is not None
 
 
-def test_land_while_it_lands_is_answered_already_and_not_sent():
-    already = CommandAnswer("land", Verdict.ALREADY, "It is landing.")
+def test_an_abort_while_it_lands_is_answered_already_and_not_sent():
+    already = CommandAnswer("abort", Verdict.ALREADY, "It is landing.")
     landing = replace(SCENES["land"], snapshot=replace(SCENES["land"].snapshot, answers=(already,)))
-    desk, requests = press(landing, "l", NOW_S)
+    desk, requests = press(landing, "a", NOW_S)
     assert requests == ()
     assert (desk.answer, desk.question, desk.error) == (
-        Answer("land", Verdict.ALREADY, "It is landing.", NOW_S, "LAND"),
+        Answer("abort", Verdict.ALREADY, "It is landing.", NOW_S, "LAND"),
         None,
         "",
     )

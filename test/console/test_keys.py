@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import pytest
 
-from amaze_autonomy.console.keys import BINDINGS, QUIT_KEY, binding_of_key, binding_of_word, offered
+from amaze_autonomy.console.keys import BINDINGS, QUIT_KEY, SAFE, binding_of_key, binding_of_word, goes_out, offered
 from amaze_autonomy.console.model import Snapshot
 from amaze_autonomy.engine.events import UserCommand
 
-# key, command, asks once more
+# key, command, asks once more, stops the vehicle or brings it down
 TABLE = [
-    ("g", "go", True),
-    ("h", "hold", False),
-    ("c", "resume", True),
-    ("l", "land", True),
-    ("a", "abort", True),
-    ("r", "retry", True),
-    ("u", "give_up", True),
-    ("k", "acknowledge", False),
+    ("g", "go", True, False),
+    ("h", "hold", False, True),
+    ("c", "resume", True, False),
+    ("l", "land", True, True),
+    ("a", "abort", True, True),
+    ("r", "retry", True, False),
+    ("u", "give_up", True, False),
+    ("k", "acknowledge", False, False),
 ]
 
 
 def test_the_table_is_what_the_documentation_says():
-    assert [(each.key, each.command.value, bool(each.question)) for each in BINDINGS] == TABLE
+    assert [(each.key, each.command.value, bool(each.question), each.safe) for each in BINDINGS] == TABLE
+    assert [each.value for each in SAFE] == ["hold", "land", "abort"]
 
 
 def test_every_command_of_the_engine_has_one_key_and_none_closes_the_console():
@@ -30,8 +31,8 @@ def test_every_command_of_the_engine_has_one_key_and_none_closes_the_console():
     assert len({each.key for each in BINDINGS} | {QUIT_KEY}) == len(BINDINGS) + 1
 
 
-@pytest.mark.parametrize("key, command, _asks", TABLE)
-def test_a_key_works_in_both_cases(key, command, _asks):
+@pytest.mark.parametrize("key, command, _asks, _safe", TABLE)
+def test_a_key_works_in_both_cases(key, command, _asks, _safe):
     assert binding_of_key(key).command.value == binding_of_key(key.upper()).command.value == command
 
 
@@ -43,4 +44,16 @@ def test_commands_are_known_by_name():
 def test_only_what_the_engine_would_do_is_offered():
     snapshot = Snapshot(state="HOLD", user_commands=("abort", "land", "self_destruct"))
     assert [each.key for each in offered(snapshot)] == ["l", "a"]
-    assert offered(None) == ()
+
+
+@pytest.mark.parametrize(
+    "snapshot, heard", [(None, True), (None, False), (Snapshot("READY", user_commands=("go",)), False)]
+)
+def test_of_an_engine_that_is_not_heard_only_what_is_safe_is_offered(snapshot, heard):
+    assert [each.key for each in offered(snapshot, heard=heard)] == ["h", "l", "a"]
+
+
+def test_land_goes_out_in_every_state_and_all_else_where_it_is_offered():
+    snapshot = Snapshot(state="READY", user_commands=("go",))
+    for heard, sent in ((True, ["go", "land"]), (False, ["hold", "land", "abort"])):
+        assert [each.value for each in UserCommand if goes_out(each, snapshot, heard=heard)] == sent

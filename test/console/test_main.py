@@ -233,6 +233,35 @@ def test_lines_of_a_pipe_wait_until_they_mean_something(tmp_path):
     assert (status, log.read_text()) == (130, "mission 1\n")
 
 
+def test_a_landing_is_sent_before_the_engine_was_heard_and_drops_what_waited_for_it(tmp_path):
+    """Who asks for it does not want the mission any more that he typed before."""
+    process, log = plain(tmp_path, "waiting-engine", stdin=subprocess.PIPE)
+    process.stdin.write("1\n\x1b[2Jy\nland\n")
+    process.stdin.flush()
+    assert lines_until(process, "ANSWER")[1:] == ["INPUT     Not sent: 1, y.", "ANSWER    land: DONE as asked"]
+    assert finish(process)[0] == 130
+    assert log.read_text() == "land\n"
+
+
+def test_a_landing_is_sent_to_an_engine_that_is_silent_and_a_takeoff_is_not(tmp_path):
+    process, log = plain(tmp_path, "ready", stdin=subprocess.PIPE)
+    lines_until(process, "COMMANDS")
+    Path(f"{log}.silent").touch()
+    lines_until(process, "CONTACT   LOST")
+    for words, answer in (
+        ("go", "INPUT     Not sent: go. No contact: only hold, land, abort are sent."),
+        ("l", "QUESTION  LAND at the present position?"),
+        ("y", "ANSWER    land: DONE as asked"),
+        ("land", "ANSWER    land: DONE as asked"),
+        ("hold", "ANSWER    hold: DONE as asked"),
+    ):
+        process.stdin.write(f"{words}\n")
+        process.stdin.flush()
+        lines_until(process, answer)
+    assert finish(process)[0] == 130
+    assert log.read_text() == "land\nland\nhold\n"
+
+
 def test_a_mission_by_argument_is_selected_without_input(tmp_path):
     process, log = plain(tmp_path, "mission-input", "--mission", "2")
     lines_until(process, "ANSWER    mission 2: DONE as asked")

@@ -1,4 +1,7 @@
-"""The link through mavros without ROS: which service is called, for how long, and what is not called any more."""
+"""The link through mavros without ROS: which service is called, for how long, and what is not called any more.
+
+And who is heard: what mavros answers is no word of the vehicle, its topics are.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,19 @@ import pytest
 pytest.importorskip("rospy")
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
+from amaze_autonomy.autopilot.mavros.messages import BATTERY, EKF, RECEIVED
 from amaze_autonomy.autopilot.mavros.requests import LATE_NS, Lane, request_of
-from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES
+from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
+from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.rules import Limits
+from amaze_autonomy.missions import FlightModel, PlannerSpec
+from amaze_autonomy.monitoring.specs import BatterySpec
 from amaze_autonomy.nodes.vehicle import mavros_link
 from amaze_autonomy.nodes.vehicle.mavros_link import MavrosLink
 from amaze_autonomy.ros.errors import CallTimeoutError
 
-LIMIT_S = 5.0
+LIMIT_S, S = 5.0, 1_000_000_000
 PX4 = mavlink.MAV_AUTOPILOT_PX4
 
 
@@ -72,7 +81,7 @@ def services(monkeypatch):
 
 @pytest.fixture
 def link(services):
-    client = SimpleNamespace(receive=lambda *_: (), wake=lambda *_: (), key=lambda *_: None)
+    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
     made = MavrosLink("/mavros", client, CLIENT_MESSAGES, lambda: 0, lambda _: None)
     made._announce = lambda: None
     threads = [threading.Thread(target=made._serve, args=(lane,)) for lane in Lane]
@@ -114,8 +123,84 @@ def test_what_waited_behind_a_service_that_hung_is_not_sent_any_more_but_for_a_l
     assert link.state.unsent == 1
 
 
+@pytest.mark.parametrize("wanted, taken", [(CLIENT_MESSAGES, {EKF, BATTERY}), (PLANNER_MESSAGES, {EKF})])
+def test_of_what_mavros_receives_only_what_is_wanted_is_looked_at(services, wanted, taken):
+    assert services.called == []
+    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
+    made, found = MavrosLink("/mavros", client, wanted, lambda: 0, lambda _: None), set()
+    made._take = lambda message, source: found.add((message.msgid, source))
+    for number in (0, 30, BATTERY, EKF):
+        made._take_received(SimpleNamespace(msgid=number))
+    assert found == {(number, RECEIVED) for number in taken}
+
+
 @pytest.mark.live
 def test_what_is_commanded_has_a_connection_that_stays_open(link, services):
     link.begin()
     assert services.until(lambda: {*services.kept} == {"/mavros/set_mode", "/mavros/cmd/command"}), services.kept
     assert services.called == []
+
+
+# --- who is heard -----------------------------------------------------------------------------------------------------
+
+
+class Clock:
+    t_ns = 10 * S
+
+    def now_ns(self):
+        return self.t_ns
+
+
+def linked(client, wanted):
+    """Return a link that is not started, and its clock; what is told and asked goes through it all the same."""
+    clock = Clock()
+    made = MavrosLink("/mavros", client, wanted, clock.now_ns, lambda words: pytest.fail(words))
+    said = SimpleNamespace(connected=True, armed=True, mode="AUTO.MISSION", system_status=4)
+    return made, clock, said
+
+
+def serve(link):
+    """Let mavros answer all that it was asked."""
+    for lane in Lane:
+        while not link._requests[lane].empty():
+            _, request = link._requests[lane].get()
+            for message in link._answers(request, link._call(request)):
+                link._answer(message)
+
+
+def test_a_dead_vehicle_is_not_heard_because_mavros_answers_that_it_has_sent_a_landing(services):
+    node = AutopilotClient(AutopilotSettings(backend="mavros"), BatterySpec(), lambda: (1, 1))
+    link, clock, said = linked(node, CLIENT_MESSAGES)
+    link._take(said, mavros_link.STATE)
+    for _ in range(40):  # 6 s without a word of the vehicle
+        clock.t_ns += 150_000_000
+        link.ask(node.land)
+        serve(link)
+    assert "AUTO.LAND" in services.called
+    assert node.landing.answer == "accepted"  # mavros' words are kept for the reason
+    assert node.vehicle.status(clock.t_ns).link_age_s == 6.0
+    link._take(said, mavros_link.STATE)
+    assert node.vehicle.status(clock.t_ns).link_age_s == 0.0
+
+
+def test_the_planner_does_not_hear_a_dead_vehicle_because_mavros_answers(services):
+    model = FlightModel(cruise_speed_m_s=4.0, climb_speed_m_s=2.0, landing_speed_m_s=1.0, acceleration_m_s2=4.0)
+    planner = Sequencer(SequencerSettings((), PlannerSpec(), model, Limits()))
+    link, clock, said = linked(planner, PLANNER_MESSAGES)
+    link._take(said, mavros_link.STATE)
+    for _ in range(40):
+        clock.t_ns += 150_000_000
+        link._transmit([mavlink.MAVLink_mission_count_message(1, 1, 2)])  # mavros' side asks for an item at once
+        link._pass_on(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1.0, 4.0, 6.0, 0, 0, 0, 0))
+        serve(link)
+    assert "AUTO.LAND" in services.called
+    assert planner.watch.results[176] == "MAV_RESULT_ACCEPTED"
+    assert not planner.watch.known(clock.t_ns, 3 * S)
+
+
+def test_over_a_link_of_our_own_whatever_the_vehicle_says_is_heard():
+    """Its acknowledgement is its own word there."""
+    node = AutopilotClient(AutopilotSettings(), BatterySpec(), lambda: (1, 1))
+    node.receive(S, mavlink.MAVLink_heartbeat_message(2, PX4, 129, 4 << 24 | 4 << 16, 4, 3))
+    node.receive(5 * S, mavlink.MAVLink_command_ack_message(176, 0))
+    assert node.vehicle.status(5 * S).link_age_s == 0.0

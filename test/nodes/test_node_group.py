@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -23,12 +24,14 @@ PROGRAM = """
 import os, signal, sys, threading, types
 from pathlib import Path
 from amaze_autonomy.nodes import node_group
+from amaze_autonomy.ros import node_main
 
 def stand_in(node):
     def main():
         told = threading.Event()
         signal.signal(signal.SIGINT, lambda *_: told.set())
         path = Path(sys.argv[-1]) / f"{node}.{os.getpid()}"
+        path.with_suffix(path.suffix + ".words").write_text(str(len(node_main._waiting)))
         path.write_text(" ".join(sys.argv[1:-1]))
         while not told.wait(0.05):
             pass
@@ -102,27 +105,102 @@ def wait_for(condition):
         time.sleep(0.02)
 
 
-@pytest.mark.live
-def test_a_node_that_is_killed_is_started_again_alone_and_all_end_together(tmp_path):
-    def started(node):
-        return {int(path.suffix[1:]) for path in tmp_path.glob(f"{node}.[0-9]*") if path.read_text()}
+@pytest.fixture
+def group(tmp_path):
+    """Start a group of two stand-ins that leave their traces in a folder; return its process."""
+    groups = []
 
-    with (tmp_path / "said").open("wb") as said:
+    def start(stderr):
         arguments = ["watchdog", "autopilot", "__name:=node_group", str(tmp_path)]
-        group = subprocess.Popen([sys.executable, "-c", PROGRAM, *arguments], stderr=said, start_new_session=True)
-    try:
-        wait_for(lambda: started("watchdog") and started("autopilot"))
-        (watchdog,), (autopilot,) = started("watchdog"), started("autopilot")
-        os.kill(watchdog, signal.SIGKILL)
-        wait_for(lambda: len(started("watchdog")) == 2)
-        assert started("autopilot") == {autopilot}, "it goes on"
-        (again,) = started("watchdog") - {watchdog}
-        assert (tmp_path / f"watchdog.{again}").read_text() == "__name:=watchdog"
-        group.send_signal(signal.SIGINT)
-        assert group.wait(LIMIT_S) == 0
-        assert sorted(path.name for path in tmp_path.glob("*.ended")) == ["autopilot.ended", "watchdog.ended"]
-        assert "node_group: watchdog has ended (signal 9); it is started again" in (tmp_path / "said").read_text()
-    finally:
-        if group.poll() is None:
-            os.killpg(group.pid, signal.SIGKILL)
-            group.wait()
+        command = [sys.executable, "-c", PROGRAM, *arguments]
+        groups.append(subprocess.Popen(command, stderr=stderr, start_new_session=True))
+        wait_for(lambda: started(tmp_path, "watchdog") and started(tmp_path, "autopilot"))
+        return groups[-1]
+
+    yield start
+    for each in groups:
+        if each.poll() is None:
+            os.killpg(each.pid, signal.SIGKILL)
+            each.wait()
+
+
+def started(folder, node):
+    return {int(path.suffix[1:]) for path in folder.glob(f"{node}.*[0-9]") if path.read_text()}
+
+
+def kill_watchdog(folder):
+    """Kill the one that runs; return its process once it is started again."""
+    before = started(folder, "watchdog")
+    os.kill(max(before, key=lambda pid: (folder / f"watchdog.{pid}").stat().st_mtime_ns), signal.SIGKILL)
+    wait_for(lambda: started(folder, "watchdog") > before)
+    (again,) = started(folder, "watchdog") - before
+    return again
+
+
+ENDED = ["autopilot.ended", "watchdog.ended"]
+
+
+@pytest.mark.live
+def test_a_node_that_is_killed_is_started_again_alone_and_all_end_together(tmp_path, group):
+    with (tmp_path / "said").open("wb") as said:
+        running = group(said)
+    autopilot = started(tmp_path, "autopilot")
+    again = kill_watchdog(tmp_path)
+    assert started(tmp_path, "autopilot") == autopilot, "it goes on"
+    assert (tmp_path / f"watchdog.{again}").read_text() == "__name:=watchdog"
+    running.send_signal(signal.SIGINT)
+    assert running.wait(LIMIT_S) == 0
+    assert sorted(path.name for path in tmp_path.glob("*.ended")) == ENDED
+    assert (tmp_path / "said").read_text() == "node_group: watchdog has ended (signal 9); it is started again\n"
+
+
+@pytest.mark.live
+def test_a_terminal_that_is_held_keeps_no_node_from_being_started_again_and_the_group_from_no_end(tmp_path, group):
+    """By Ctrl-S: who writes to it waits until it is let go on."""
+    outside, inside = os.openpty()
+    termios.tcflow(inside, termios.TCOOFF)
+    running = group(inside)
+    for _ in range(2):
+        kill_watchdog(tmp_path)
+    running.send_signal(signal.SIGINT)
+    assert running.wait(LIMIT_S) == 0
+    assert sorted(path.name for path in tmp_path.glob("*.ended")) == ENDED
+    os.close(inside)
+    os.close(outside)
+
+
+@pytest.mark.live
+def test_what_was_not_said_to_a_terminal_that_was_held_is_said_when_it_is_let_go_on(tmp_path, group):
+    outside, inside = os.openpty()
+    termios.tcflow(inside, termios.TCOOFF)
+    group(inside)
+    kill_watchdog(tmp_path)
+    termios.tcflow(inside, termios.TCOON)
+    assert os.read(outside, 1000) == b"node_group: watchdog has ended (signal 9); it is started again\r\n"
+    os.close(inside)
+    os.close(outside)
+
+
+@pytest.mark.live
+def test_a_terminal_that_is_closed_ends_no_group(tmp_path, group):
+    outside, inside = os.openpty()
+    running = group(inside)
+    os.close(inside)
+    os.close(outside)
+    for _ in range(2):
+        kill_watchdog(tmp_path)
+    running.send_signal(signal.SIGINT)
+    assert running.wait(LIMIT_S) == 0
+    assert sorted(path.name for path in tmp_path.glob("*.ended")) == ENDED
+
+
+@pytest.mark.live
+def test_a_node_of_a_group_has_words_of_its_own(tmp_path, group):
+    """What the group has still to say is not what its fork waits for at its end: who writes that is not in it."""
+    outside, inside = os.openpty()
+    termios.tcflow(inside, termios.TCOOFF)
+    group(inside)
+    again = kill_watchdog(tmp_path)
+    assert (tmp_path / f"watchdog.{again}.words").read_text() == "0"
+    os.close(inside)
+    os.close(outside)

@@ -26,14 +26,16 @@ from amaze_autonomy.engine.events import EngineStarted, RecordingPhase, Shutdown
 from amaze_autonomy.journal.journal import encode_event, encode_header, make_header
 from amaze_autonomy.nodes.autonomy.run_folder import Place, create, register, registered
 from amaze_autonomy.nodes.recorder import processes
-from amaze_autonomy.nodes.recorder.collector import Collection, read_status
+from amaze_autonomy.nodes.recorder.collector import Collection, RecorderCollector, read_status
 from amaze_autonomy.nodes.recorder.flight_pages import FlightPages
 from amaze_autonomy.nodes.recorder.node import RecorderMemory
 from amaze_autonomy.nodes.recorder.platform import CpuLoad, RecorderPlatform, processor_ticks
 from amaze_autonomy.nodes.recorder.processes import DiskSync, Subscriptions
+from amaze_autonomy.nodes.recorder.settings import RecorderShare
 from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, ProcessStatus, Status
+from amaze_autonomy.recording.status import Transfer as Transfers
 
 PART = PlatformStatus("second", True, 1000, 20.0, 0.25, "/rec/s/second", "wörds", 3, 0.5)
 
@@ -166,6 +168,90 @@ def test_what_a_stranger_says_of_a_parts_place_is_neither_fetched_nor_merged(tmp
     here = by == "here"
     place = f"{tmp_path}/disk/s1_m/second" if here else str(session / "second")
     assert collection.source(session, collector, "second")["folder"] == place
+
+
+SHARED = Transfer("shared")
+
+
+@pytest.fixture
+def sent(tmp_path):
+    """Return the folder of a part of another platform, which is mounted here, and where it is to be fetched to."""
+    there, here = tmp_path / "disk" / "s1_m" / "second", tmp_path / "here" / "s1_m" / "second"
+    there.mkdir(parents=True)
+    return there, here
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "{}",
+        '{"files": null}',
+        '{"files": {"a": 1}}',
+        '{"files": ["a-01.bag"]}',
+        '{"files": [{}]}',
+        '{"files": [{"file": 1}]}',
+        '{"files": [{"file": "\\udc80.bag"}]}',
+        '{"files": [{"file": "a\\nb"}]}',
+        '{"files": [], "logs": null}',
+        '{"files": [], "logs": [1]}',
+        '{"files": [], "logs": ["\\udc80"]}',
+        "[]",
+        "x",
+    ],
+)
+def test_what_is_no_list_of_a_part_is_a_problem_in_words(sent, content):
+    there, here = sent
+    (there / "parts.json").write_text(content)
+    words = f"{there}/parts.json is no list of a part; retry, and its platform lists anew what is there"
+    assert processes.RecorderJobs().fetch(SHARED, str(there), here, lambda _: None) == words
+
+
+def in_a_thread(work):
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    return thread
+
+
+def test_a_fetch_that_is_given_up_ends_and_starts_nothing_more(tmp_path, sent, monkeypatch):
+    there, here = sent
+    (there / "parts.json").write_text('{"files": []}')
+    (tmp_path / "bin").mkdir()
+    rsync = tmp_path / "bin" / "rsync"
+    rsync.write_text(f"#!/bin/sh\necho $$ >> {tmp_path}/started\nexec sleep 600\n")
+    rsync.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{rsync.parent}:{os.environ['PATH']}")
+    jobs, problems = processes.RecorderJobs(), []
+    thread = in_a_thread(lambda: problems.append(jobs.fetch(SHARED, str(there), here, print)))
+    wait_for((tmp_path / "started").is_file, "it has started")
+    jobs.stop_fetch(here)
+    thread.join(10.0)
+    assert problems == ["rsync: status -9"]
+    assert left(here) == [], "not even the names of what it wanted"
+
+
+def test_a_fetch_that_hung_before_its_program_starts_none_when_it_was_given_up(sent, monkeypatch):
+    """It looked at a mount that did not answer; now it does, and another fetch may be running."""
+    there, here = sent
+    goes_on, jobs, problems = threading.Event(), processes.RecorderJobs(), []
+    monkeypatch.setattr(processes.subprocess, "Popen", lambda *_, **__: pytest.fail("a program is started"))
+    monkeypatch.setattr(processes, "mounted", lambda *_: str(there) if goes_on.wait(10.0) else "")
+    thread = in_a_thread(lambda: problems.append(jobs.fetch(SHARED, str(there), here, print)))
+    wait_for(lambda: jobs._fetches, "it has begun")
+    jobs.stop_fetch(here)
+    goes_on.set()
+    thread.join(10.0)
+    assert problems == [f"{here}: it was given up"]
+
+
+def test_a_fetch_that_raises_has_ended_and_says_why(tmp_path):
+    configuration = load_configuration(config_folder())
+    share = RecorderShare(configuration, tmp_path, lambda: 0, jobs=SimpleNamespace(fetch=lambda *_: {}["files"]))
+    collector = RecorderCollector(share, SimpleNamespace(name="main"))
+    view = collector.machine.views["second"]
+    view.fetching = 7
+    collector.commands[Transfers](Transfers("second", "/rec/s1_m/second", 7))
+    wait_for(lambda: not view.fetching, "it has ended")
+    assert (view.fetched, view.problem) == (False, "it could not be fetched (KeyError: 'files')")
 
 
 def test_open_bags_and_the_names_of_files_are_put_on_the_disk_when_they_have_changed(tmp_path, monkeypatch):

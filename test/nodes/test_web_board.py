@@ -46,7 +46,7 @@ def test_a_viewer_gets_all_there_is_and_then_only_what_is_new():
     board = board_with(StateCame(FLYING), MessagesCame("r-1", NOTES[:2]))
     news, have = board.since(Have(), 2.5)
     assert (news["board"], news["age_s"], news["run"]) == ("b-1", 2.5, "r-1")
-    assert (sorted(news["parts"]), [each[0] for each in news["notes"]]) == (["plans", "state"], [1, 2])
+    assert (sorted(news["parts"]), [each[0] for each in news["notes"]]) == (["plans", "safe", "state"], [1, 2])
     assert news["samples"] == [[1, 0.0, 1.0, 2.0, None, None, None, None]]
     board.take(MessagesCame("r-1", NOTES), 3.0)
     news, have = board.since(have, 3.0)
@@ -91,7 +91,7 @@ def test_eight_hours_do_not_grow():
         board.take(StateCame(replace(FLYING, telemetry=telemetry)), half_second / 2)
     news, have = board.since(Have(), 8 * 3600.0)
     assert (SAMPLES < len(news["samples"]) < SAMPLES + TRACK, have.sample) == (True, 8 * 3600 * 2)
-    assert sorted(news["parts"]) == ["plans", "state"]
+    assert sorted(news["parts"]) == ["plans", "safe", "state"]
 
 
 def moved(board, first, seconds, session):
@@ -183,6 +183,21 @@ def test_a_state_in_the_words_in_which_it_is_shown():
     assert not commands["go"]["possible"]
 
 
+def test_what_stops_the_vehicle_is_there_to_be_pressed_before_the_engine_was_heard():
+    news, _ = Board("b-1").since(Have(), 0.0)
+    assert news["parts"]["safe"] == [
+        {"name": "hold", "words": "hold", "question": ""},
+        {"name": "land", "words": "LAND", "question": "LAND at the present position?"},
+        {"name": "abort", "words": "ABORT", "question": "ABORT: in the air land, on the ground disarm?"},
+    ]
+
+
+def test_the_state_of_an_engine_that_is_silent_is_not_known():
+    board = board_with(StateCame(FLYING))
+    assert [board.state_at(now_s) for now_s in (0.0, 3.0, 3.1)] == ["MISSION", "MISSION", None]
+    assert Board("b-1").state_at(0.0) is None
+
+
 def test_the_recording_on_each_platform():
     platform = Platform("second", False, 18_000_000, 0.0, 0.08, "", "the disk is nearly full", 3, 0.875)
     board = board_with(StateCame(FLYING), CollectingCame(Collecting("", "RECORDING", None, 0.0, (platform,))))
@@ -269,6 +284,16 @@ def test_what_stops_the_vehicle_or_brings_it_down_is_never_too_late(orders):
         assert orders.take(late, "HOLD", 100.0)[1].command is UserCommand(command)
 
 
+@pytest.mark.parametrize("changes", [{}, {"seen": ""}, {"command": None, "missions": ["1"]}])
+def test_without_contact_with_the_engine_nothing_that_is_not_safe_is_sent_or_answered_for_it(orders, changes):
+    answer, request = orders.take(order(**changes), None, 100.0)
+    assert (answer["verdict"], request) == ("NO ANSWER", None)
+    assert answer["message"] == "Not sent: no contact with the engine."
+    for number, command in enumerate(("hold", "land", "abort")):
+        _, request = orders.take(order(id=f"s-{number}", command=command), None, 100.0)
+        assert request.command is UserCommand(command)
+
+
 def test_what_has_no_id_is_not_answered(orders):
     for order_id in (None, 7, "", "x" * 65):
         assert orders.take(order(id=order_id), "READY", 100.0) == (None, None)
@@ -285,6 +310,7 @@ def test_an_engine_that_does_not_answer_is_named(orders):
 def test_a_flood_of_orders_is_refused_and_old_ones_are_forgotten(orders):
     sent = [orders.take(order(id=f"o-{n}"), "READY", 100.0)[1] for n in range(100)]
     assert sum(request is not None for request in sent) == 16
+    assert orders.take(order(id="l-1", command="land"), "READY", 100.0)[1].command is UserCommand.LAND
     for request in sent[:16]:
         orders.answered(AnswerCame(request.id, Verdict.DONE, ""))
     for number in range(2000):

@@ -129,6 +129,26 @@ def test_two_viewers_see_the_same_and_a_command_is_answered_to_its_sender():
     served(story)
 
 
+@pytest.mark.parametrize("heard", [True, False], ids=["silent since Ready", "never heard"])
+def test_of_an_engine_that_is_not_heard_a_landing_is_asked_and_a_takeoff_is_not(heard):
+    async def story(server, port, sent):
+        begun_s = server.now()
+        if heard:
+            server.take(READY)
+        server.now = lambda: begun_s + 7.0
+        socket = await viewer(port, token=TOKEN)
+        seen = await hear(socket, lambda news: news.get("parts"))
+        order = {"token": TOKEN, "board": seen["board"], "seen": "READY" if heard else "", "beat": seen["beat"]}
+        for number, command in enumerate(("go", "land")):
+            await socket.write_message(json.dumps({"order": {**order, "id": f"o-{number}", "command": command}}))
+        [answer] = (await hear(socket, lambda news: news.get("answers")))["answers"]
+        assert (answer["verdict"], answer["message"]) == ("NO ANSWER", "Not sent: no contact with the engine.")
+        await wait_for(lambda: sent)
+        assert [each.words for each in sent] == ["land"]
+
+    served(story)
+
+
 def test_without_the_token_one_only_looks():
     async def story(server, port, sent):
         server.take(READY)

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from amaze_autonomy.recording.collector import Exchange, Offset, best, correction_ns
+from amaze_autonomy.recording.collector import Exchange, Offset, best, clock_step_ns, correction_ns
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -43,3 +43,24 @@ def test_record_times_are_corrected_by_the_mean_of_start_and_stop():
     assert correction_ns(start, stop) == -(3 * S + MS)
     assert correction_ns(start, None) == -3 * S
     assert correction_ns(None, None) == 0
+
+
+@pytest.mark.parametrize("minutes", [0, 10, 60])
+def test_clocks_that_drift_apart_as_crystals_do_or_are_slewed_by_ntp_were_not_stepped(minutes):
+    later_ns = minutes * 60 * S
+    start, stop = Offset(-S, 3 * MS, S), Offset(-S + later_ns * 500 // 1_000_000 + 100 * MS, 2 * MS, S + later_ns)
+    assert clock_step_ns([start, stop]) == clock_step_ns([]) == clock_step_ns([stop]) == 0
+    assert correction_ns(start, stop) == -(start.offset_ns + stop.offset_ns) // 2
+
+
+def test_what_a_busy_network_makes_uncertain_is_no_step():
+    start, stop = Offset(0, 400 * MS, 0), Offset(600 * MS, 150 * MS, 60 * S)
+    assert clock_step_ns([start, stop]) == 0
+    assert clock_step_ns([Offset(0, 40 * MS, 0), stop]) == 600 * MS
+
+
+@pytest.mark.parametrize("step_ns", [60 * S, -60 * S, 20_000 * 86_400 * S])
+def test_offsets_that_contradict_each_other_correct_nothing(step_ns):
+    start, stop = Offset(3 * S, 10, 100 * S), Offset(3 * S + step_ns, 10, 700 * S)
+    assert clock_step_ns([start, stop]) == clock_step_ns([stop, start]) == abs(step_ns)
+    assert correction_ns(start, stop) == 0

@@ -15,6 +15,7 @@ from amaze_autonomy.recording.status import (
     MeasureClock,
     PlatformStatus,
     Status,
+    StopTransfer,
     Transfer,
 )
 
@@ -37,8 +38,14 @@ def transferring(**options):
 
 def merging(**options):
     fleet = transferring(**options)
-    fleet.collector.transfer_ended(fleet.now_ns, "second", "")
+    fetched(fleet)
     return fleet.go_on(0.2)
+
+
+def fetched(fleet, problem="", number=None):
+    """Let the fetch of second's part end that runs, or one that was begun before."""
+    number = fleet.asked(Transfer)[-1].number if number is None else number
+    fleet.collector.transfer_ended(fleet.now_ns, "second", number, problem)
 
 
 def test_goes_all_the_way_from_idle_to_a_complete_recording():
@@ -54,7 +61,7 @@ def test_goes_all_the_way_from_idle_to_a_complete_recording():
     assert fleet.commands == [
         Ask("main", "start"), Ask("second", "start"), MeasureClock("second", "start"),
         Ask("main", "stop"), Ask("second", "stop"), MeasureClock("second", "stop"),
-        Transfer("second", "/rec/second"), CopyJournal(), Collect(),
+        Transfer("second", "/rec/second", 1), CopyJournal(), Collect(),
     ]  # fmt: skip
     status = fleet.status
     assert (status.progress, status.location, status.message) == (1.0, "/rec/s1.bag", "1 MB, nothing was lost")
@@ -163,7 +170,7 @@ def test_parts_are_fetched_again_until_the_limit_and_a_retry_fetches_what_is_mis
     fleet, said = transferring(transfer_limit_ns=10_000_000_000), set()
     for _ in range(200):
         if fleet.collector.views["second"].fetching:
-            fleet.collector.transfer_ended(fleet.now_ns, "second", "rsync: connection timed out")
+            fetched(fleet, "rsync: connection timed out")
         fleet.turn()
         if len(fleet.asked(Transfer)) == 2:
             said.add(fleet.status.platforms[1].message)
@@ -175,18 +182,68 @@ def test_parts_are_fetched_again_until_the_limit_and_a_retry_fetches_what_is_mis
         "the parts lie at main: /rec/main; second: /rec/second",
     )
     fleet.stop()
-    fleet.go_on(0.5)
-    fleet.collector.transfer_ended(fleet.now_ns, "second", "")
+    fleet.go_on(2.0)
+    fetched(fleet)
     fleet.go_on(0.2)
     assert fleet.collector.phase is PHASE.MERGING
 
 
+LIES = "Nothing was removed; the parts lie at main: /rec/main; second: /rec/second"
+
+
+def test_a_fetch_that_hangs_fails_at_the_limit_and_a_retry_fetches_again():
+    """As on a network file system that is mounted hard: nobody ever says that it has ended."""
+    fleet = transferring(transfer_limit_ns=10 * S)
+    fleet.go_on(9.0)
+    assert fleet.collector.phase is PHASE.TRANSFERRING
+    fleet.go_on(1.0)
+    words = f"the part of second is missing: nothing more of it came for 10 s. {LIES}"
+    assert (fleet.status.phase, fleet.status.message) == (PHASE.FAILED, words)
+    assert fleet.commands[-1] == StopTransfer("second")
+    fetched(fleet, number=1)
+    assert fleet.stop() == Answer(accepted=True)
+    fleet.go_on(3.0)
+    assert fleet.asked(Transfer) == [Transfer("second", "/rec/second", 1), Transfer("second", "/rec/second", 2)]
+    fleet.collector.transfer_progress(fleet.now_ns, "second", 1, 0.9)
+    for problem in ("", "it was given up"):
+        fetched(fleet, problem, number=1)
+        fleet.go_on(3.0)
+        assert (fleet.status.phase, fleet.status.progress) == (PHASE.TRANSFERRING, 0.0), "the old one has ended late"
+    fetched(fleet, number=2)
+    fleet.go_on(0.2)
+    assert fleet.collector.phase is PHASE.MERGING
+
+
+def test_a_fetch_of_the_session_before_says_nothing_of_the_next_one():
+    fleet = transferring(transfer_limit_ns=10 * S)
+    fleet.go_on(11.0)
+    assert fleet.start("s2") == Answer(accepted=True)
+    fleet.go_on(3.0)
+    fleet.stop("s2")
+    fleet.go_on(0.5)
+    fetched(fleet, number=1)
+    fleet.go_on(0.2)
+    assert (fleet.asked(Transfer)[-1].number, fleet.collector.phase) == (2, PHASE.TRANSFERRING)
+
+
+def test_a_fetch_that_comes_on_is_not_given_up_until_nothing_more_came_for_as_long_as_the_limit():
+    fleet = transferring(transfer_limit_ns=10 * S)
+    for percent in range(30):
+        fleet.collector.transfer_progress(fleet.now_ns, "second", 1, percent / 100)
+        fleet.go_on(1.0)
+    fleet.collector.transfer_progress(fleet.now_ns, "second", 1, 0.29)
+    fleet.go_on(8.0)
+    assert fleet.collector.phase is PHASE.TRANSFERRING
+    fleet.go_on(2.0)
+    assert fleet.collector.phase is PHASE.FAILED
+
+
 def test_progress_of_a_transfer_and_the_remaining_time_of_a_merge_are_told():
     fleet = transferring()
-    fleet.collector.transfer_progress("second", 0.4)
+    fleet.collector.transfer_progress(fleet.now_ns, "second", 1, 0.4)
     fleet.turn()
     assert fleet.status.progress == pytest.approx(0.4)
-    fleet.collector.transfer_ended(fleet.now_ns, "second", "")
+    fetched(fleet)
     fleet.go_on(3.0)
     fleet.collector.job_progress(fleet.now_ns, PHASE.MERGING, 0.25)
     assert fleet.status.remaining_s == pytest.approx(9.0, abs=0.5)
@@ -254,6 +311,126 @@ def test_a_platform_that_fails_to_close_is_named_and_asked_again_on_a_retry():
     assert fleet.asked(Ask)[asked:] == [Ask("second", "stop")]
 
 
+def failed_in(phase):
+    """Return a fleet whose collection failed in a phase."""
+    fleet = transferring(transfer_limit_ns=10 * S)
+    if phase is PHASE.TRANSFERRING:
+        fleet.go_on(8.0)
+        fetched(fleet, "rsync: no such file")
+        fleet.go_on(2.0)
+        fetched(fleet, "rsync: no such file")
+        fleet.go_on(1.0)
+    else:
+        fetched(fleet)
+        fleet.go_on(0.2)
+        fleet.collector.job_progress(fleet.now_ns, phase, 0.5)
+        fleet.collector.job_ended(fleet.now_ns, "x.bag: is not what was sent", {})
+    assert fleet.collector.phase is PHASE.FAILED
+    return fleet
+
+
+def relisting(fleet, takes_s, final=PHASE.COMPLETE):
+    """Have platforms that are asked to stop list their parts anew, and go on until they do; return when each was."""
+    ends_ns, waits = {}, fleet.answer
+
+    def answer(command):
+        waits(command)
+        fleet.say(command.platform, PHASE.RECOVERING)
+        ends_ns[command.platform] = fleet.now_ns + round(takes_s * S)
+
+    fleet.answer = answer
+    for _ in range(round((takes_s + 3.0) * S / fleet.step_ns)):
+        for name, end_ns in ends_ns.items():
+            if fleet.now_ns >= end_ns:
+                fleet.say(name, final, message="broken" if final is PHASE.FAILED else "")
+        fleet.turn()
+    return fleet
+
+
+@pytest.mark.parametrize("phase", [PHASE.TRANSFERRING, PHASE.MERGING, PHASE.VERIFYING])
+@pytest.mark.parametrize("takes_s", [0.0, 0.5, 20.0])
+@pytest.mark.parametrize("killed", [False, True])
+def test_after_a_collection_that_failed_a_retry_has_every_part_listed_anew_before_it_is_fetched(phase, takes_s, killed):
+    fleet = failed_in(phase)
+    if killed:
+        memory = json.loads(json.dumps(fleet.collector.memory()))
+        fleet.collector = Collector(fleet.collector.setup)
+        fleet.collector.remember(fleet.now_ns, memory)
+    done = len(fleet.commands)
+    assert fleet.stop() == Answer(accepted=True)
+    relisting(fleet, takes_s)
+    stops = [Ask("main", "stop"), Ask("second", "stop")]
+    asked = [each for each in fleet.commands[done:] if not isinstance(each, MeasureClock)]
+    assert asked[:2] == stops
+    assert [each.platform for each in asked[2:] if isinstance(each, Transfer)] == ["second"]
+    assert len(asked) == 3
+    assert fleet.collector.phase is PHASE.TRANSFERRING
+
+
+def test_nothing_is_fetched_while_a_part_is_listed_anew_though_the_word_before_that_was_complete():
+    fleet = failed_in(PHASE.MERGING)
+    asked = len(fleet.asked(Transfer))
+    fleet.stop()
+    relisting(fleet, 100.0)
+    assert len(fleet.asked(Transfer)) == asked + 1
+    assert fleet.phases[-3:] == [PHASE.STOPPING, PHASE.RECOVERING, PHASE.TRANSFERRING]
+
+
+def test_a_retry_of_what_failed_before_the_collection_lists_nothing_anew():
+    fleet = recording()
+    fleet.collector.interrupted(fleet.now_ns)
+    fleet.say("main", PHASE.COMPLETE)
+    fleet.say("second", PHASE.COMPLETE)
+    asked = len(fleet.asked(Ask))
+    fleet.stop()
+    fleet.go_on(0.5)
+    assert (len(fleet.asked(Ask)), fleet.collector.phase) == (asked, PHASE.TRANSFERRING)
+
+
+def test_a_platform_that_does_not_answer_any_more_is_not_asked_for_ever_for_a_new_list():
+    """Its node has ended, and rsync needs its sshd only: its list has to do as it is."""
+    fleet = failed_in(PHASE.MERGING)
+    fleet.silent["second"] = True
+    fleet.go_on(10.0)
+    fleet.stop()
+    relisting(fleet, 0.5)
+    assert fleet.collector.phase is not PHASE.TRANSFERRING
+    fleet.go_on(28.0)
+    assert fleet.collector.phase is PHASE.TRANSFERRING
+
+
+def test_a_part_that_was_not_listed_anew_is_asked_for_that_by_the_next_retry_or_the_next_process_as_well():
+    fleet = failed_in(PHASE.MERGING)
+    fleet.silent["second"] = True
+    fleet.said["second"] = Status()  # its node was started anew, and knows nothing yet
+    fleet.collector.heard(fleet.now_ns, "second", Status())
+    fleet.stop()
+    fleet.go_on(40.0)
+    assert fleet.collector.phase is PHASE.FAILED
+    fleet.silent["second"] = False
+    fleet.say("second", PHASE.COMPLETE)
+    fleet.stop()
+    memory = json.loads(json.dumps(fleet.collector.memory()))
+    for killed in (False, True):
+        if killed:
+            fleet.collector = Collector(fleet.collector.setup)
+            fleet.collector.remember(fleet.now_ns, memory)
+        asked = len(fleet.asked(Ask))
+        fleet.go_on(3.0)
+        assert fleet.asked(Ask)[asked:] == [Ask("main", "stop"), Ask("second", "stop")]
+        assert fleet.collector.phase is PHASE.TRANSFERRING
+
+
+def test_a_part_that_cannot_be_listed_anew_is_named():
+    fleet = failed_in(PHASE.MERGING)
+    fleet.stop()
+    relisting(fleet, 0.5, PHASE.FAILED)
+    assert (fleet.status.phase, fleet.status.message) == (
+        PHASE.FAILED,
+        f"the part of main is missing: broken; the part of second is missing: broken. {LIES}",
+    )
+
+
 def test_requests_are_answered_in_every_phase():
     fleet = transferring()
     assert fleet.start("s2") == Answer(accepted=False, message="busy with session s1 (TRANSFERRING)")
@@ -290,7 +467,7 @@ def test_in_flight_no_other_session_begins_than_that_of_the_engine(phase):
     else:  # somebody has stopped it
         fleet.stop()
         fleet.go_on(0.5)
-        fleet.collector.transfer_ended(fleet.now_ns, "second", "")
+        fetched(fleet)
         fleet.go_on(0.2)
         fleet.collector.job_ended(fleet.now_ns, "", SUMMARY)
     assert fleet.start("evil") == Answer(accepted=False, message="session s1 is in flight")

@@ -6,7 +6,7 @@ import shutil
 import pytest
 from bag_tools import contents, digest, multiset, rows
 from part_tools import FACTS, killed, modes, open_to_others, part, plan, small_storage, two_platforms
-from replay_bags import START_NS, write_empty_bag
+from replay_bags import START_NS, make, write_empty_bag
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.recording.errors import RecordingError, TransferError
@@ -186,6 +186,52 @@ def test_on_a_platform_whose_clock_nobody_measured_every_gap_may_lie_in_the_flig
         assert (summary.lost, summary.lost_in_flight) == ((gap,), lost)
 
 
+def with_clock(session, *offsets_s, **facts):
+    """Collect with a second platform whose clock was so far ahead at the start and at the stop."""
+    times = zip(("start", "stop"), offsets_s, (1, 80 * S))
+    clock = {when: {"offset_ns": round(s * S), "error_ns": 1000, "at_ns": at_ns} for when, s, at_ns in times}
+    far = Source("second", session / "second", fetched=True, far=True, clock=clock)
+    return collect(Plan(session / "s1_m.bag", (Source("main", session / "main"), far), facts=facts))
+
+
+@pytest.mark.parametrize("step_s", [60.0, -60.0])
+def test_a_clock_that_was_stepped_while_it_recorded_hides_no_gap(tmp_path, step_s):
+    """It is stepped late in the flight, in which 15 s are missing; by the mean of its offsets they were not in it."""
+    session = two_platforms(tmp_path)
+    (session / "second" / "realsense-01.bag").unlink()
+    files = [("realsense-01.bag", [rows("/c", 2)]), ("realsense-02.bag", [rows("/c", 2, first_ms=15_010)])]
+    part(session / "second", *files, platform="second")
+    step = (
+        "second/its clock, or the collector's, was stepped by 60.0 s during the recording: its record times are left "
+        "as they are, and do not tell what was lost in the flight"
+    )
+    gap = "second/realsense: 15.0 s, in which nothing was recorded (it was stopped and started again)"
+    facts = {"flights": [[START_NS + 2 * S, START_NS + 18 * S]], "stopped_ns": START_NS + 80 * S}
+    assert with_clock(session, 0.0, 0.0, **facts).lost_in_flight == (gap,)
+    summary = with_clock(session, 0.0, step_s, **facts)
+    assert summary.lost == summary.lost_in_flight == (step, gap)
+    assert manifest(session)["platforms"]["second"]["lost"] == [each.replace("second/", "") for each in (step, gap)]
+
+
+def test_a_clock_that_was_stepped_is_said_though_every_message_is_there(tmp_path):
+    summary = with_clock(two_platforms(tmp_path), 3.0, 2.5, flights=[[START_NS, START_NS + S]], tolerated_topics=["/c"])
+    (step,) = summary.lost_in_flight
+    assert step.startswith("second/its clock, or the collector's, was stepped by 0.5 s during the recording: ")
+    assert summary.message.endswith(f"verified; lost: {step}")
+
+
+def test_while_a_clock_drifts_what_may_lie_in_the_flight_counts(tmp_path):
+    """Its offset was 0 s, then 0.1 s: by the mean, its gap ends 30 ms before the takeoff, at first it did not."""
+    session = two_platforms(tmp_path)
+    (session / "second" / "realsense-01.bag").unlink()
+    files = [("realsense-01.bag", [rows("/c", 1)]), ("realsense-02.bag", [rows("/c", 1, first_ms=2020)])]
+    part(session / "second", *files, platform="second")
+    gap = "second/realsense: 2.0 s, in which nothing was recorded (it was stopped and started again)"
+    for takeoff_s, lost in ((2.0, (gap,)), (2.05, ())):
+        summary = with_clock(session, 0.0, 0.1, flights=[[START_NS + round(takeoff_s * S), START_NS + 60 * S]])
+        assert (summary.lost, summary.lost_in_flight) == ((gap,), lost)
+
+
 def test_a_platform_that_recorded_nothing_of_the_session_is_a_loss_of_the_flight(tmp_path):
     session = two_platforms(tmp_path)
     summary = collect(plan(session, facts={"absent": ["third"], "flights": []}))
@@ -249,6 +295,40 @@ def test_the_same_message_on_both_platforms_is_kept_or_dropped_as_configured(tmp
     assert collect(plan(session, duplicates="drop")).messages == 50
 
 
+@pytest.mark.parametrize("duplicates", ["count", "drop"])
+def test_what_one_platform_says_again_in_its_next_file_is_all_kept(tmp_path, duplicates):
+    """Its recorder split the file, and was started again; the other platform has the last of it, too."""
+    session = tmp_path / "s1_m"
+    said = [(START_NS + each * S // 10, "/armed", make("std_msgs/msg/String", data="yes"), "/n") for each in range(60)]
+    names = ("states-01_0.bag", "states-01_1.bag", "states-02.bag")
+    part(session / "main", *((name, [said[20 * each : 20 * each + 20]]) for each, name in enumerate(names)))
+    files = [session / "main" / name for name in names]
+    part(session / "second", platform="second")
+    assert (collect(plan(session, duplicates=duplicates)).messages, manifest(session)["duplicates"]["topics"]) == (
+        60,
+        [],
+    )
+    assert multiset(session / "s1_m.bag") == multiset(*files)
+    part(session / "second", ("all-01.bag", [said[50:]]), platform="second")
+    assert collect(plan(session, duplicates=duplicates)).messages == (60 if duplicates == "drop" else 70)
+    assert [each["messages"] for each in manifest(session)["duplicates"]["topics"]] == [10]
+    assert [each["origin"] for each in manifest(session)["inputs"]] == [0, 0, 0, 1]
+
+
+def test_a_recording_whose_messages_an_earlier_version_dropped_is_made_again(tmp_path):
+    """It took each file for a platform of its own, and its manifest says of none where it was recorded."""
+    session = tmp_path / "s1_m"
+    part(session / "main", *((f"states-01_{each}.bag", [rows("/a", 5, first_ms=each * 900)]) for each in range(2)))
+    part(session / "second", ("b-01.bag", [rows("/b", 5)]), platform="second")
+    collect(plan(session))
+    old = manifest(session)
+    for each in old["inputs"]:
+        del each["origin"]
+    (session / "s1_m.manifest.json").write_text(json.dumps(old))
+    collect(plan(session))
+    assert [each["origin"] for each in manifest(session)["inputs"]] == [0, 0, 1]
+
+
 def test_nothing_at_all_is_no_recording(tmp_path):
     session = tmp_path / "s1_m"
     for name in ("main", "second"):
@@ -294,6 +374,7 @@ def test_a_session_is_for_its_user_and_group_and_so_is_what_is_made_again(tmp_pa
         **dict.fromkeys(("s1_m.bag", "s1_m.manifest.json", "main/parts.json", "main/states-01.bag"), "0640"),
         **dict.fromkeys(("main/states-02.bag", "main/states-02.bag.undo", "second/parts.json"), "0640"),
         **dict.fromkeys(("second/realsense-01.bag", "second/realsense-01.recovered.bag"), "0640"),
+        "second/realsense-01.recovered.json": "0640",
     }
     assert modes(session) == expected
 

@@ -78,7 +78,7 @@ def test_a_problem_is_one_line_and_a_status(tmp_path):
     process = started(request(tmp_path / "nothing"))
     (line,) = ended(process)
     assert process.returncode == 1
-    assert line["result"]["problem"].endswith("nobody knows whether the part is whole; transfer it again")
+    assert line["result"]["problem"].endswith("nothing was changed; retry, and its platform lists anew what is there")
 
 
 def test_it_closes_a_part(tmp_path):

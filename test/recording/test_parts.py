@@ -1,13 +1,17 @@
 """A part is made whole and listed; what arrives elsewhere is compared with the list."""
 
 import json
+import os
 import shutil
+from pathlib import Path
 
 import pytest
 from bag_tools import bag, contents, digest, every_kill, rows
 from part_tools import FACTS, killed, part, small_storage
 from replay_bags import write_empty_bag
 
+from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.recover.recover import restore
 from amaze_autonomy.recording.errors import TransferError
 from amaze_autonomy.recording.losses import losses
@@ -17,6 +21,12 @@ from amaze_autonomy.recording.storage import PARTS
 
 def words(content):
     return [each.words for each in losses(content)]
+
+
+def chunk_places(path):
+    """Return where each chunk of a bag ends, with its index."""
+    with Index(path) as index:
+        return [chunk.end for chunk in index.chunks]
 
 
 def listed(folder):
@@ -140,6 +150,100 @@ def test_without_space_for_a_recovered_bag_the_open_one_is_listed_and_made_whole
         assert len(contents(found.path)) == 3000
 
 
+def test_the_list_is_written_when_all_that_it_names_is_on_the_disk(tmp_path, monkeypatch):
+    """rosbag closes a file without that: after a power cut a list would name what nobody has."""
+    bag(tmp_path / "states-01.bag", rows("/a", 20))
+    killed(tmp_path, "states-02.bag.active", rows("/a", 20, first_ms=9000))
+    kept, fsync = [], os.fsync
+
+    def noted(file):
+        kept.append(Path(os.readlink(f"/proc/self/fd/{file}")).name)
+        fsync(file)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    close_parts(tmp_path, FACTS)
+    assert kept[-5:] == ["states-01.bag", "states-02.bag", tmp_path.name, ".parts.json.part", tmp_path.name]
+
+
+def test_a_list_that_is_as_it_was_is_not_written_again(tmp_path):
+    """Who fetches the part meanwhile reads one list, not two."""
+    folder = part(tmp_path / "main", ("states-01.bag", [rows("/a", 20)]))
+    before = (folder / PARTS).stat()
+    content = listed(folder)
+    assert close_parts(folder, {**FACTS, "anew": True}) == content
+    assert (folder / PARTS).stat() == before
+
+
+def test_a_bag_that_changed_since_it_was_listed_is_a_loss_however_often_it_is_listed(tmp_path):
+    """Its index is good: of what is in the data nobody knows whether it is what was recorded."""
+    folder = part(tmp_path / "main", ("states-01.bag", [rows("/a", 50)]))
+    raw = bytearray((folder / "states-01.bag").read_bytes())
+    raw[raw.index(b"/a 30 xx") + 6] ^= 1
+    (folder / "states-01.bag").write_bytes(raw)
+    for anew in (True, True, False):
+        content = close_parts(folder, {**FACTS, "anew": anew})
+        assert words(content) == ["states-01.bag: an unknown number of messages, it has changed since it was listed"]
+    assert check_arrived(folder) == content
+
+
+def test_a_bag_with_a_name_that_was_listed_before_is_another_one_when_the_session_is_recorded_again(tmp_path):
+    """Parts that are verified may be removed; the list stays."""
+    folder = part(tmp_path / "main", ("states-01.bag", [rows("/a", 50)]))
+    (folder / "states-01.bag").unlink()
+    assert words(listed(part(folder, ("states-01.bag", [rows("/a", 20, first_ms=9000)])))) == []
+
+
+@pytest.mark.parametrize("before", [3, None])
+def test_what_a_bag_had_lost_before_it_became_shorter_stays_lost(tmp_path, before):
+    folder = part(tmp_path / "main", ("states-01.bag", [rows("/a", 50)]))
+    content, path = listed(folder), folder / "states-01.bag"
+    content["files"][0]["lost"] = before
+    (folder / PARTS).write_text(json.dumps(content))
+    path.write_bytes(path.read_bytes()[: chunk_places(path)[1]])
+    (entry,) = close_parts(folder, {**FACTS, "anew": True})["files"]
+    assert entry["lost"] == (None if before is None else before + 50 - entry["messages"])
+
+
+@pytest.mark.parametrize("keep", ["half", "all but the index"])
+def test_a_bag_that_is_shorter_than_it_was_listed_has_lost_what_it_had_more(tmp_path, keep):
+    folder = part(tmp_path / "main", ("states-01.bag", [rows("/a", 50)]))
+    path = folder / "states-01.bag"
+    place = chunk_places(path)[-1 if keep == "all but the index" else 1]
+    path.write_bytes(path.read_bytes()[:place])
+    for anew in (True, True, False):
+        content = close_parts(folder, {**FACTS, "anew": anew})
+        (entry,) = content["files"]
+        assert (entry["file"], entry["recovered_from"]) == ("states-01.recovered.bag", "states-01.bag")
+        lost = 50 - len(contents(folder / "states-01.recovered.bag"))
+        assert (lost > 0) == (keep == "half")
+        assert words(content) == ([f"states-01.recovered.bag: {lost} messages"] if lost else [])
+
+
+def test_a_bag_that_was_listed_and_is_gone_is_a_loss_when_the_part_is_listed_anew(tmp_path):
+    """But not when the session is recorded again: parts that are verified may be removed before."""
+    bags = [(f"states-0{number}.bag", [rows("/a", 20, first_ms=number * 200)]) for number in (1, 2)]
+    folder = part(tmp_path / "main", *bags)
+    (folder / "states-02.bag").unlink()
+    for _ in range(2):
+        content = close_parts(folder, {**FACTS, "anew": True})
+        assert words(content) == ["states-02.bag: all of it, it was listed and is not there any more"]
+    assert words(close_parts(folder, FACTS)) == []
+
+
+def test_what_is_closed_in_place_at_last_is_not_gone(tmp_path, monkeypatch):
+    killed(tmp_path, "states-01.bag.active", rows("/a", 100))
+    with monkeypatch.context() as patched:
+        patched.setattr("amaze_autonomy.recording.parts.recover_in_place", refused)
+        patched.setattr("amaze_autonomy.recording.parts.recover", refused)
+        assert close_parts(tmp_path, FACTS)["files"][0]["file"] == "states-01.bag.active"
+    assert words(close_parts(tmp_path, {**FACTS, "anew": True})) == []
+    assert listed(tmp_path)["files"][0]["file"] == "states-01.bag"
+
+
+def refused(path, *_, **__):
+    raise BagError(str(path), "cannot be changed", "make space")
+
+
 @pytest.mark.parametrize("name", ["/{}/main/a-01.bag", "../main/a-01.bag", "", "x/../../main/a-01.bag"])
 def test_a_list_that_names_a_file_of_somebody_else_is_refused_and_touches_nothing(tmp_path, name):
     main = part(tmp_path / "main", ("a-01.bag", [rows("/a", 50)]))
@@ -164,5 +268,48 @@ def test_what_did_not_arrive_or_is_different_is_named_and_put_aside(tmp_path):
     with pytest.raises(TransferError, match=r"a-01\.bag: did not arrive"):
         check_arrived(folder)
     (folder / PARTS).unlink()
-    with pytest.raises(TransferError, match="nobody knows whether the part is whole"):
+    with pytest.raises(TransferError, match="is missing, or no list of a part; nobody knows whether it is whole"):
         check_arrived(folder)
+
+
+def test_what_is_put_aside_is_never_put_over_what_was_put_aside_before(tmp_path):
+    folder = part(tmp_path / "second", ("a-01.bag", [rows("/a", 50)]))
+    for content in (b"first", b"second", b"third"):
+        (folder / "a-01.bag").write_bytes(content)
+        with pytest.raises(TransferError, match="was put aside"):
+            check_arrived(folder)
+    assert {path.name: path.read_bytes() for path in folder.glob(".*")} == {
+        ".a-01.bag.bad": b"first", ".a-01.bag.bad2": b"second", ".a-01.bag.bad3": b"third",
+    }  # fmt: skip
+
+
+def test_a_part_in_place_was_never_sent_and_is_left_as_it_is(tmp_path):
+    """It is the only one there is."""
+    folder = part(tmp_path / "main", ("a-01.bag", [rows("/a", 50)]))
+    size = (folder / "a-01.bag").stat().st_size
+    (folder / "a-01.bag").write_bytes(b"short")
+    anew = "nothing was changed; retry, and its platform lists anew what is there"
+    with pytest.raises(TransferError) as differs:
+        check_arrived(folder, checksums=False)
+    assert str(differs.value) == f"{folder}/a-01.bag: has 5 bytes and not {size}, as its list says; {anew}"
+    assert (folder / "a-01.bag").read_bytes() == b"short"
+    (folder / "a-01.bag").unlink()
+    with pytest.raises(TransferError) as gone:
+        check_arrived(folder, checksums=False)
+    assert str(gone.value) == f"{folder}/a-01.bag: is not there, and its list names it; {anew}"
+    (folder / PARTS).write_text("{}")
+    with pytest.raises(TransferError) as none:
+        check_arrived(folder, checksums=False)
+    assert (
+        str(none.value)
+        == f"{folder}/parts.json: is missing, or no list of a part; nobody knows whether it is whole; {anew}"
+    )
+
+
+@pytest.mark.parametrize("content", ["{}", '{"files": null}', '{"files": [{}]}', '{"files": ["a-01.bag"]}', "x"])
+def test_what_arrived_and_is_no_list_is_said(tmp_path, content):
+    (tmp_path / PARTS).write_text(content)
+    with pytest.raises(
+        TransferError, match="is missing, or no list of a part; nobody knows whether it is whole; retry"
+    ):
+        check_arrived(tmp_path)

@@ -232,6 +232,28 @@ def test_a_recovery_that_fails_is_told_and_done_again_when_asked():
     assert platform.machine.phase is PHASE.COMPLETE
 
 
+def test_a_part_that_is_complete_is_listed_anew_when_it_is_asked_to_stop_again():
+    """A collection of it has failed. Until that is done, nothing is removed."""
+    platform = stopped(recording())
+    assert "anew" not in platform.machine.facts()
+    assert platform.stop() == Answer(accepted=True)
+    assert (platform.machine.phase, platform.machine.facts()["anew"]) == (PHASE.RECOVERING, True)
+    assert not platform.machine.may_remove("s1", keep=False).accepted
+    other = Platform()
+    other.machine.remember(0, recorded_memory(platform), same_boot=True)
+    assert (other.machine.phase, other.machine.facts()["anew"]) == (PHASE.RECOVERING, True)
+    platform.go_on(0.1)
+    assert len(platform.asked(Recover)) == 2
+    recovered(platform, "states-01.bag: cannot be read")
+    assert platform.stop() == Answer(accepted=True)
+    assert platform.machine.facts()["anew"], "it is still the same list that was found wrong"
+    platform.go_on(0.1)
+    recovered(platform)
+    assert platform.machine.phase is PHASE.COMPLETE
+    platform.start()
+    assert "anew" not in platform.machine.facts(), "what it lists next is another recording"
+
+
 def test_a_recovery_that_is_killed_is_started_again_without_being_asked():
     platform = recording()
     platform.stop()

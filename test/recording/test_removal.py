@@ -42,11 +42,12 @@ def test_a_name_in_a_list_that_leads_elsewhere_removes_nothing(tmp_path):
     assert other.is_file()
 
 
-def test_a_folder_without_a_list_is_left_alone(tmp_path):
+@pytest.mark.parametrize("content", ["", "{}", '{"files": null}', '{"files": [{}]}'])
+def test_a_folder_without_a_list_is_left_alone(tmp_path, content):
     folder = part(tmp_path / "s1" / "main", LISTED)
-    (folder / "parts.json").unlink()
+    (folder / "parts.json").write_text(content)
     remove_part(folder, tmp_path, VERIFIED)
-    assert len(left(folder)) == 6
+    assert len(left(folder)) == 7
 
 
 @pytest.mark.parametrize("verified", [{}, dict.fromkeys(VERIFIED, ""), dict.fromkeys(VERIFIED, "0" * 64)])

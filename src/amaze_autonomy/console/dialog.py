@@ -9,7 +9,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import List, Optional, Tuple
 
-from .keys import QUIT_KEY, Binding, binding_of_key, binding_of_word, offered
+from .keys import QUIT_KEY, SAFE, Binding, binding_of_key, binding_of_word, goes_out, offered
 from .model import Answer, Desk, MissionRow, Question, Request, RequestKind, Snapshot, Verdict
 from .wire import clean
 from .words import duration, fraction
@@ -47,7 +47,7 @@ def _drop_question_if_void(desk: Desk) -> Desk:
     possible = (
         request.kind is RequestKind.QUIT
         or (request.kind is RequestKind.SELECT and desk.snapshot.takes_mission)
-        or (request.command is not None and request.command.value in desk.snapshot.user_commands)
+        or (request.command is not None and goes_out(request.command, desk.snapshot))
     )
     if possible:
         return desk
@@ -154,14 +154,14 @@ def typed(desk: Desk, line: str, now_s: float) -> Turn:
     if not words:
         return desk, ()
     takes_mission = desk.snapshot is not None and desk.snapshot.takes_mission
-    if takes_mission and any(row.id == words for row in desk.missions or ()):
+    if takes_mission and desk.heard(now_s) and any(row.id == words for row in desk.missions or ()):
         return _choose(desk, words, now_s)
     if words.lower() in (QUIT_KEY, "quit", "exit"):
         return desk, (Request(kind=RequestKind.QUIT),)
     binding = binding_of_word(words) or binding_of_key(words)
     if binding is not None:
         return _command(desk, binding, now_s, sure=len(words) > 1)
-    return _choose(desk, words, now_s) if takes_mission else (replace(desk, error=_unknown(desk, words)), ())
+    return _choose(desk, words, now_s) if takes_mission else (replace(desk, error=_unknown(desk, words, now_s)), ())
 
 
 def _edit(desk: Desk, key: str, now_s: float) -> Turn:
@@ -178,6 +178,8 @@ def _edit(desk: Desk, key: str, now_s: float) -> Turn:
 
 
 def _choose(desk: Desk, words: str, now_s: float) -> Turn:
+    if not desk.heard(now_s):
+        return _no_contact(desk, f"mission {words}")
     if desk.missions is None:
         return replace(desk, error="The list of missions has not come yet; try again in a moment."), ()
     ids, error = chosen(words, desk.missions)
@@ -187,23 +189,34 @@ def _choose(desk: Desk, words: str, now_s: float) -> Turn:
     return _ask(desk, question, Request(kind=RequestKind.SELECT, missions=ids), now_s, enter_is_yes=False), ()
 
 
-def _unknown(desk: Desk, words: str) -> str:
-    names = [f"{binding.command.value.replace('_', ' ')} ({binding.key})" for binding in offered(desk.snapshot)]
+def _unknown(desk: Desk, words: str, now_s: float) -> str:
+    bindings = offered(desk.snapshot, heard=desk.heard(now_s))
+    names = [f"{binding.command.value.replace('_', ' ')} ({binding.key})" for binding in bindings]
     return f'"{words}" is not a command. Possible now: {", ".join([*names, "quit"])}.'
 
 
 def _command(desk: Desk, binding: Binding, now_s: float, *, sure: bool = False) -> Turn:
-    name = binding.command.value.replace("_", " ")
-    if binding not in offered(desk.snapshot):
-        known = None if desk.snapshot is None else desk.snapshot.answer_to(binding.command)
-        if known is not None:  # what the engine would answer; asked, it might do it in a state that nobody has seen yet
-            return _said(desk, name, known.verdict, known.message, now_s), ()
-        where = "" if desk.snapshot is None else f" in {desk.snapshot.state}"
-        return replace(desk, error=f"{name} is not possible now{where}."), ()
     request = Request(kind=RequestKind.COMMAND, command=binding.command)
+    if not goes_out(binding.command, desk.snapshot, heard=desk.heard(now_s)):
+        return _kept_back(desk, binding, request.words, now_s)
     if binding.question and not sure:
         return _ask(desk, binding.question, request, now_s), ()
     return _send(desk, request, now_s)
+
+
+def _kept_back(desk: Desk, binding: Binding, words: str, now_s: float) -> Turn:
+    """Say why a command does not go out: what the engine would answer, as long as that is known."""
+    if desk.snapshot is None or not desk.heard(now_s):
+        return _no_contact(desk, words)
+    known = desk.snapshot.answer_to(binding.command)
+    if known is not None:  # what the engine would answer; asked, it might do it in a state that nobody has seen yet
+        return _said(desk, words, known.verdict, known.message, now_s), ()
+    return replace(desk, error=f"{words} is not possible now in {desk.snapshot.state}."), ()
+
+
+def _no_contact(desk: Desk, words: str) -> Turn:
+    safe = ", ".join(each.value for each in SAFE)
+    return replace(desk, error=f"Not sent: {words}. No contact: only {safe} are sent."), ()
 
 
 def _quit(desk: Desk, now_s: float) -> Turn:
@@ -222,7 +235,10 @@ def _reply(desk: Desk, question: Question, yes: bool, now_s: float) -> Turn:  # 
     desk = replace(desk, question=None)
     if not yes:
         return replace(desk, error=f"Not sent: {question.request.words}."), ()
-    return _send(desk, question.request, now_s)
+    request = question.request
+    if request.kind is not RequestKind.QUIT and request.command not in SAFE and not desk.heard(now_s):
+        return _no_contact(desk, request.words)  # it was lost while the question was open
+    return _send(desk, request, now_s)
 
 
 def _send(desk: Desk, request: Request, now_s: float) -> Turn:

@@ -1,5 +1,8 @@
 """Which key asks for what. A key works only while the engine says that its command would be done now.
 
+Two exceptions, for the vehicle may fly by now. LAND goes out in every state: the engine has an answer in each. While
+the engine is not heard, what stops the vehicle or brings it down goes out, and nothing else: nobody sees what it does.
+
 Whatever moves the vehicle or ends something for good asks once more, and one key more is always enough: "y" or Enter.
 Holding a key down never says yes: the second key is another one.
 """
@@ -25,20 +28,22 @@ class Binding:
         command: what it asks for.
         words: what that does, for the screen.
         question: asked before it is sent; empty: sent at once.
+        safe: it stops the vehicle or brings it down: never too late. All else is for the moment that the operator saw.
     """
 
     key: str
     command: UserCommand
     words: str
     question: str = ""
+    safe: bool = False
 
 
 BINDINGS: Tuple[Binding, ...] = (
     Binding("g", UserCommand.GO, "go", "Go: the vehicle takes off. Sure?"),
-    Binding("h", UserCommand.HOLD, "hold"),
+    Binding("h", UserCommand.HOLD, "hold", safe=True),
     Binding("c", UserCommand.RESUME, "continue (resume)", "Resume the mission: the vehicle flies on. Sure?"),
-    Binding("l", UserCommand.LAND, "LAND", "LAND at the present position?"),
-    Binding("a", UserCommand.ABORT, "ABORT", "ABORT: in the air land, on the ground disarm?"),
+    Binding("l", UserCommand.LAND, "LAND", "LAND at the present position?", safe=True),
+    Binding("a", UserCommand.ABORT, "ABORT", "ABORT: in the air land, on the ground disarm?", safe=True),
     Binding(
         "r", UserCommand.RETRY, "retry", "Retry? Before a flight it takes off as soon as all checks pass: keep clear."
     ),
@@ -47,11 +52,25 @@ BINDINGS: Tuple[Binding, ...] = (
 )
 
 
-def offered(snapshot: Optional[Snapshot]) -> Tuple[Binding, ...]:
-    """Return the bindings whose commands would be done now, in the order of the table."""
-    if snapshot is None:
-        return ()
+SAFE: Tuple[UserCommand, ...] = tuple(binding.command for binding in BINDINGS if binding.safe)
+"""The commands that stop the vehicle or bring it down."""
+
+
+def offered(snapshot: Optional[Snapshot], *, heard: bool = True) -> Tuple[Binding, ...]:
+    """Return the bindings that are shown now, in the order of the table.
+
+    Args:
+        snapshot: the engine's last state; None: never heard of it.
+        heard: that is how it is now.
+    """
+    if snapshot is None or not heard:
+        return tuple(binding for binding in BINDINGS if binding.safe)
     return tuple(binding for binding in BINDINGS if binding.command.value in snapshot.user_commands)
+
+
+def goes_out(command: UserCommand, snapshot: Optional[Snapshot], *, heard: bool = True) -> bool:
+    """Return True when a command is sent to the engine now."""
+    return command is UserCommand.LAND or command in [each.command for each in offered(snapshot, heard=heard)]
 
 
 def binding_of_key(key: str) -> Optional[Binding]:

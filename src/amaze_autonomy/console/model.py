@@ -334,3 +334,7 @@ class Desk:
     def stale(self, now_s: float) -> bool:
         """Return True when the engine was heard and is silent now."""
         return self.snapshot is not None and self.age_s(now_s) > STALE_AFTER_S
+
+    def heard(self, now_s: float) -> bool:
+        """Return True while the last state is how the engine is now."""
+        return self.snapshot is not None and not self.stale(now_s)

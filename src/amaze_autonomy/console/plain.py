@@ -15,10 +15,11 @@ from typing import Dict, Iterator, List, Optional, TextIO, Tuple
 from ..engine.events import Check
 from ..engine.events import Verdict as CheckVerdict
 from .dialog import oldest_open
-from .keys import offered
+from .keys import binding_of_word, offered
 from .model import Desk, MissionRow, PendingFailure, Snapshot, Verdict
 from .session import CLOSED, Session
 from .terminal import Wake, read_if_ready
+from .wire import clean
 from .words import age, duration, fraction, level, limits, quantity, seconds
 
 _SLOW_S = 3.0
@@ -264,12 +265,32 @@ def run_plain(session: Session, wake: Wake, source: Optional[int], out: Optional
 
 
 def _pass_on(session: Session, lines: List[str], printer: _Printer) -> List[str]:
-    """Pass lines on as soon as they can mean something, and return the others: a script may be too early."""
-    for number, line in enumerate(lines):
-        desk = session.desk
-        known = desk.snapshot is not None and (not desk.snapshot.takes_mission or desk.missions is not None)
-        if not known and line.strip().lower() not in _QUIT_WORDS:
-            return lines[number:]
-        session.typed(line)
+    """Pass lines on as soon as they can mean something, and return the others: a script may be too early.
+
+    What stops the vehicle or brings it down waits for nothing. What waits before it is dropped: nobody who asks for a
+    landing wants the mission any more that he asked for before.
+    """
+    while lines:
+        if not _means_something(session.desk, lines[0]):
+            urgent = next((number for number, line in enumerate(lines) if _is_safe(line)), None)
+            if urgent is None:
+                return lines
+            session.desk = replace(session.desk, error=f"Not sent: {', '.join(map(clean, lines[:urgent]))}.")
+            printer.look()
+            lines = lines[urgent:]
+        session.typed(lines[0])
         printer.look()
+        lines = lines[1:]
     return []
+
+
+def _means_something(desk: Desk, line: str) -> bool:
+    """Return True when a line can be passed on: what it may name is known, or it is taken at any time."""
+    known = desk.snapshot is not None and (not desk.snapshot.takes_mission or desk.missions is not None)
+    return known or line.strip().lower() in _QUIT_WORDS or _is_safe(line)
+
+
+def _is_safe(line: str) -> bool:
+    """Return True for a whole word that is sent at any time; a letter may be a mission's id."""
+    binding = binding_of_word(line)
+    return binding is not None and binding.safe

@@ -9,7 +9,8 @@ alone, and none holds another one up. What they share is counted once by the ker
 Words are those of `arguments.py`: each node is given those that it takes.
 
 The group is no node itself. It starts a node again a second after its end, as `respawn` does, and within a tenth of the
-time, since nothing has to be imported; when it is told to end, its nodes are told, and waited for.
+time, since nothing has to be imported; when it is told to end, its nodes are told, and waited for. What it says of that
+waits for no terminal: see "words to people" in `node_main.py`.
 """
 
 from __future__ import annotations
@@ -73,12 +74,15 @@ class NodeGroup:
         self._running: Dict[int, str] = {}
         self._due_s: Dict[str, float] = dict.fromkeys(nodes, 0.0)
         self._ending = False
+        with _no_signal():
+            self._words = node_main._Outlet(sys.stderr)
 
     def run(self) -> int:
         """Start the nodes, start them again, until told to end; return the exit status, in each node its own."""
-        mains = {
-            name: importlib.import_module(f"{__package__}.{NODES[node]}").main for name, node in self._nodes.items()
-        }
+        with _no_signal():
+            mains = {
+                name: importlib.import_module(f"{__package__}.{NODES[node]}").main for name, node in self._nodes.items()
+            }
         node_main.take_precedence(_NICE)  # of the session, which its nodes are in; what is refused, each of them says
         gc.collect()
         gc.freeze()  # what is shared is not searched for garbage, which would write to it
@@ -89,6 +93,7 @@ class NodeGroup:
                 if self._start(name) is None:
                     return int(mains[name]())
             self._wait()
+        node_main.say_last_words()
         return 0
 
     def _due(self) -> List[str]:
@@ -97,13 +102,15 @@ class NodeGroup:
 
     def _start(self, name: str) -> Optional[int]:
         """Start a node; return its process, in that process None."""
-        sys.stdout.flush()
-        sys.stderr.flush()
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError):
+                stream.flush()
         with _no_signal():
             pid = os.fork()
             if pid == 0:
                 for number in _END_SIGNALS:
                     signal.signal(number, signal.SIG_DFL)
+                node_main._waiting.clear()  # no fork has the thread that writes the group's words
                 sys.argv[1:] = arguments_of(name, self._nodes[name], self._given)
                 return None
             self._running[pid] = name
@@ -120,9 +127,9 @@ class NodeGroup:
             return
         name = self._running.pop(pid, None)
         if name is not None and not self._ending:
-            words = f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else f"status {os.WEXITSTATUS(status)}"
-            print(f"node_group: {name} has ended ({words}); it is started again", file=sys.stderr, flush=True)
             self._due_s[name] = time.monotonic() + _RESPAWN_S
+            words = f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else f"status {os.WEXITSTATUS(status)}"
+            self._words.write(f"node_group: {name} has ended ({words}); it is started again\n")
 
     def _end(self, number: int, _: object) -> None:
         self._ending = True
@@ -133,7 +140,10 @@ class NodeGroup:
 
 @contextmanager
 def _no_signal() -> Iterator[None]:
-    """Let no signal come between a fork and what must be known of it."""
+    """Let no signal come between a fork and what must be known of it; threads that are begun meanwhile never get one.
+
+    A signal that any thread takes is handled by the main one, whatever that has blocked.
+    """
     signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
     try:
         yield

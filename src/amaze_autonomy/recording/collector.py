@@ -6,6 +6,7 @@ r"""The collector: it has every platform record, and makes one verified recordin
 It asks each platform's recorder, its own among them, over the same two requests, and believes only their statuses.
 Every wait has a limit. FAILED names what is missing and where the parts lie; asked to stop again, it goes on with the
 first thing that is not done: parts that are here are not fetched again, and a file that is whole is not made again.
+Where the parts were closed and could not be collected, each platform is asked to list its part anew before.
 
 Another session begins when none is recorded, or on the ground: while one is recorded, the engine's last status must be
 a fresh one that says so; in flight, whatever is recorded, only the engine's own session begins. Platforms refuse
@@ -25,7 +26,19 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 from amaze_autonomy.engine.events import RecordingPhase as Phase
 from amaze_autonomy.units import SECOND
 
-from .status import WRITING, Answer, Ask, Collect, Command, CopyJournal, MeasureClock, PlatformStatus, Status, Transfer
+from .status import (
+    WRITING,
+    Answer,
+    Ask,
+    Collect,
+    Command,
+    CopyJournal,
+    MeasureClock,
+    PlatformStatus,
+    Status,
+    StopTransfer,
+    Transfer,
+)
 
 # --- the offset between two clocks ------------------------------------------------------------------------------------
 
@@ -78,10 +91,30 @@ def best(exchanges: Sequence[Exchange]) -> Optional[Offset]:
     return Offset(chosen.offset_ns, (chosen.round_trip_ns + 1) // 2, chosen.arrived_ns)
 
 
+_DRIFT_PPM = 500  # NTP slews a clock by no more (RFC 5905, MAXFREQ); a crystal drifts by a tenth of that
+_LEAST_STEP_NS = 100_000_000  # chrony slews faster, to take away a little offset; what is shorter is told of no gap
+
+
+def clock_step_ns(offsets: Sequence[Offset]) -> int:
+    """Return by how much offsets of one clock contradict each other: it was stepped meanwhile. 0: it only drifted."""
+    if not offsets:
+        return 0
+    least = min(offsets, key=lambda each: each.offset_ns)
+    most = max(offsets, key=lambda each: each.offset_ns)
+    drift_ns = abs(most.at_ns - least.at_ns) * _DRIFT_PPM // 1_000_000
+    step_ns = most.offset_ns - least.offset_ns
+    return step_ns if step_ns > _LEAST_STEP_NS + least.error_ns + most.error_ns + drift_ns else 0
+
+
 def correction_ns(start: Optional[Offset], stop: Optional[Offset]) -> int:
-    """Return what is to be added to a platform's record times: minus the offset, the mean where it was taken twice."""
-    known = [each.offset_ns for each in (start, stop) if each is not None]
-    return -(sum(known) // len(known)) if known else 0
+    """Return what is to be added to a platform's record times: minus the offset, the mean where it was taken twice.
+
+    Nothing where the clock was stepped in between: nobody knows when, and what is right before is wrong after it.
+    """
+    known = [each for each in (start, stop) if each is not None]
+    if not known or clock_step_ns(known):
+        return 0
+    return -(sum(each.offset_ns for each in known) // len(known))
 
 
 # --- one platform as the collector sees it ----------------------------------------------------------------------------
@@ -105,9 +138,12 @@ class PlatformView:
         self.measured: List[str] = []
         self.measuring = False
         self.measure_again_ns = 0
-        self.fetching = self.fetched = False
+        self.fetching = 0  # number of the fetch that is waited for; 0: none is
+        self.fetched = False
         self.fetched_fraction = 0.0
-        self.fetch_again_ns = 0
+        self.fetch_again_ns = self.fetch_moved_ns = 0
+        self.anew = False  # it is to be asked to list its part anew
+        self.anew_ns: Optional[int] = None  # when it said that it does
 
     def fresh(self) -> PlatformView:
         """Return the view for a new session: only the status stays."""
@@ -179,7 +215,8 @@ class CollectorSetup:
         start_limit_ns: time in which all must prove that they record.
         silent_ns: a status that is older is none.
         stop_limit_ns: time in which a platform must have heard that it shall stop.
-        transfer_limit_ns: time in which everything must be here.
+        transfer_limit_ns: time in which everything must be here; what still comes is waited for until nothing more came
+            for as long.
         keep_parts: whether parts are kept in the end.
     """
 
@@ -211,7 +248,8 @@ class Collector:
         self._progress_ns = 0
         self._job = False
         self._tries = 0
-        self._copied = False
+        self._copied = self._uncollected = False
+        self._fetches = 0
         self._summary: Mapping[str, Any] = {}
         self.stopped_ns: Optional[int] = None
         self.flights: Optional[List[List[Optional[int]]]] = None  # from takeoff to landing; None: nobody said
@@ -236,6 +274,7 @@ class Collector:
             self.location, self._copied, self._summary = "", False, {}
             self.flights = self._engine_ns = None
         self.session_id, self.mission_id, self.stopped_ns = session_id, mission_id, None
+        self._uncollected = False
         for view in self.views.values():
             view.refusal = ""
         self._enter(Phase.STARTING, t_ns)
@@ -260,6 +299,7 @@ class Collector:
             for view in self.views.values():
                 view.refusal, view.asked_ns = "", None
                 view.fetched, view.fetched_fraction, view.fetch_again_ns = False, 0.0, 0
+                view.anew, view.anew_ns = self.phase is Phase.FAILED and self._uncollected, None
             self._enter(Phase.STOPPING, t_ns)
         return Answer(accepted=True)
 
@@ -302,6 +342,8 @@ class Collector:
             return
         if verb == "start" and answer.accepted:
             view.began = True
+        if verb == "stop" and answer.accepted and view.anew:
+            view.anew, view.anew_ns = False, self._t_ns
         view.refusal = "" if answer.accepted else f"{platform}: {answer.message}"
 
     def unanswered(self, platform: str, problem: str) -> None:
@@ -319,14 +361,21 @@ class Collector:
             view.measured.remove(when)
             view.measure_again_ns = self._t_ns + _MEASURE_AGAIN_NS
 
-    def transfer_progress(self, platform: str, fraction: float) -> None:
-        """Take the progress of a transfer."""
-        self.views[platform].fetched_fraction = fraction
-
-    def transfer_ended(self, t_ns: int, platform: str, problem: str) -> None:
-        """Take the end of a transfer; an empty text when all is here."""
+    def transfer_progress(self, t_ns: int, platform: str, number: int, fraction: float) -> None:
+        """Take the progress of a transfer; that of one which was given up says nothing."""
         view = self.views[platform]
-        view.fetching, view.fetched, view.problem = False, not problem, problem
+        if view.fetching != number:
+            return
+        if fraction > view.fetched_fraction:
+            view.fetch_moved_ns = t_ns
+        view.fetched_fraction = fraction
+
+    def transfer_ended(self, t_ns: int, platform: str, number: int, problem: str) -> None:
+        """Take the end of a transfer, an empty text when all is here; that of one which was given up says nothing."""
+        view = self.views[platform]
+        if view.fetching != number:
+            return
+        view.fetching, view.fetched, view.problem = 0, not problem, problem
         view.fetch_again_ns = t_ns + _TRANSFER_AGAIN_NS
 
     def job_progress(self, t_ns: int, phase: Phase, fraction: float) -> None:
@@ -368,9 +417,10 @@ class Collector:
         self.phase, self._since_ns, self._progress = phase, t_ns, None
         self._message = ""
         if phase is Phase.TRANSFERRING:
-            self._tries = 0
+            self._tries, self._uncollected = 0, False
 
     def _fail(self, t_ns: int, problem: str) -> None:
+        self._uncollected = self._uncollected or self.phase in _COLLECTING
         self._enter(Phase.FAILED, t_ns)
         self._message = problem
         self.location = ", ".join(
@@ -409,6 +459,7 @@ class Collector:
         """Have all platforms close their parts."""
         commands: List[Command] = []
         for view in self.views.values():
+            view.anew = view.anew and not self._lost(view, t_ns)  # then its list has to do as it is
             again = view.asked_ns is None or not self._failed(view)
             if not self._closing(view) and again and view.may_ask(t_ns, _ASK_AGAIN_NS):
                 commands.append(self._ask(view, "stop", t_ns))
@@ -446,9 +497,13 @@ class Collector:
         return self._closed(view) or (view.session(self.session_id) and view.status.phase in _CLOSING)
 
     def _closed(self, view: PlatformView) -> bool:
-        """Return whether a platform's part is closed, or it never had one."""
+        """Return whether a platform's part is closed, or it never had one.
+
+        Asked to list it anew it says so at once; what it said before may still be on its way.
+        """
         if view.session(self.session_id) and view.status.phase is Phase.COMPLETE:
-            return True
+            known = view.anew_ns is None or (view.heard_ns or 0) - view.anew_ns >= _ASK_AGAIN_NS
+            return known and not view.anew
         return not view.began and bool(view.refusal)
 
     def _transfer(self, t_ns: int) -> List[Command]:
@@ -458,16 +513,33 @@ class Collector:
         if not waiting:
             self._enter(Phase.MERGING, t_ns)
             return self._collect(t_ns)
-        if t_ns - self._since_ns >= self.setup.transfer_limit_ns and not any(view.fetching for view in waiting):
-            self._fail(t_ns, self._missing(waiting, t_ns))
-            return []
-        commands: List[Command] = []
-        for view in waiting:
-            if not view.fetching and t_ns >= view.fetch_again_ns:
-                view.fetching = True
-                commands.append(Transfer(view.name, view.part.location))
+        late = t_ns - self._since_ns >= self.setup.transfer_limit_ns
+        if late and not any(self._comes(view, t_ns) for view in waiting):
+            return self._give_up(waiting, t_ns)
+        commands: List[Command] = [
+            self._fetch(view, t_ns) for view in waiting if not view.fetching and t_ns >= view.fetch_again_ns
+        ]
         self._progress = sum(1.0 if view.fetched else view.fetched_fraction for view in parts) / len(parts)
         return commands
+
+    def _fetch(self, view: PlatformView, t_ns: int) -> Transfer:
+        """Begin to fetch a part. The number is one of all sessions: a fetch that hangs may end in another one."""
+        self._fetches += 1
+        view.fetching, view.fetched_fraction, view.fetch_moved_ns = self._fetches, 0.0, t_ns
+        return Transfer(view.name, view.part.location, self._fetches)
+
+    def _comes(self, view: PlatformView, t_ns: int) -> bool:
+        """Return whether a part is being fetched, and some of it came within the limit."""
+        return view.fetching > 0 and t_ns - view.fetch_moved_ns < self.setup.transfer_limit_ns
+
+    def _give_up(self, waiting: List[PlatformView], t_ns: int) -> List[Command]:
+        """Fail; a fetch that hangs is ended, and when it ends after all, that says nothing any more."""
+        hanging = [view for view in waiting if view.fetching]
+        for view in hanging:
+            view.problem = f"nothing more of it came for {(t_ns - view.fetch_moved_ns) / SECOND:.0f} s"
+            view.fetching = 0
+        self._fail(t_ns, self._missing(waiting, t_ns))
+        return [StopTransfer(view.name) for view in hanging]
 
     def _collect(self, _t_ns: int) -> List[Command]:
         """Have the job done; again when it was killed."""
@@ -576,6 +648,7 @@ class Collector:
             "phase": self.phase.name,
             "location": self.location,
             "message": self._message,
+            "uncollected": self._uncollected,
             "summary": dict(self._summary),
             "stopped_ns": self.stopped_ns,
             "flights": None if self.flights is None else [list(each) for each in self.flights],
@@ -595,6 +668,9 @@ class Collector:
             phase = Phase.TRANSFERRING
         self._enter(phase, t_ns)
         self.location, self._message = str(memory["location"]), str(memory["message"])
+        self._uncollected = bool(memory.get("uncollected"))
+        for view in self.views.values():
+            view.anew = phase is Phase.STOPPING and self._uncollected
         self._summary, self.stopped_ns = dict(memory["summary"]), memory.get("stopped_ns")
         self.flights = memory.get("flights")
 

@@ -13,8 +13,9 @@ import os
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.merge.manifest import (
@@ -29,10 +30,12 @@ from amaze_autonomy.bags.merge.merge import MergeOptions, merge
 from amaze_autonomy.bags.merge.verify import verify
 from amaze_autonomy.engine.events import RecordingPhase as Phase
 from amaze_autonomy.units import MB, SECOND
+from amaze_autonomy.whole_file import sha256_of
 
+from .collector import Offset, clock_step_ns
 from .errors import RecordingError
 from .losses import EDGE_NS, Loss, Wanted, losses
-from .parts import Part, check_arrived, close_parts, whole_bags
+from .parts import Part, check_arrived, close_parts, recover_damaged, whole_bags
 
 # --- one verified recording -------------------------------------------------------------------------------------------
 
@@ -103,23 +106,47 @@ class Summary(NamedTuple):
 
 
 def collect(plan: Plan, report: Optional[Report] = None) -> Summary:
-    """Make the complete recording, or find that it is there.
+    """Make the complete recording, or find that it is there; what a damaged bag lacks is lost, and told.
 
     Raises:
         BagError: A bag cannot be used, or the output not be written.
         RecordingError: A part did not arrive as it was sent, or the result is not what it should be.
     """
-    inputs, offsets, platforms, lost = _inputs(plan)
+    tried: Set[str] = set()
+    while True:
+        try:
+            return _collected(plan, report)
+        except BagError as error:
+            if error.path in tried or not _recovered(plan, Path(error.path), report):
+                raise
+            tried.add(error.path)
+
+
+def _recovered(plan: Plan, bag: Path, report: Optional[Report]) -> bool:
+    """Recover a bag that could not be used; return whether there is another one for it now."""
+    progress = _as_progress(report, Phase.MERGING)
+    return any(
+        recover_damaged(source.folder, bag, plan.output.parent / source.platform, progress) for source in plan.sources
+    )
+
+
+def _collected(plan: Plan, report: Optional[Report]) -> Summary:
+    """Make the complete recording of what there is, or find that it is there."""
+    inputs = _inputs(plan)
     output, beside = _output(plan.output)
-    plan = plan._replace(output=output)
-    manifest = _usable_manifest(plan.output, inputs, offsets)
-    if manifest is None:
-        manifest = _merged(plan, inputs, offsets, report)
-    manifest.update({**plan.facts, "platforms": platforms, "lost": [each.words for each in lost]})
-    manifest["lost_in_flight"] = [each.words for each in lost if each.counts]
-    manifest["beside"] = list(beside)
-    manifest = _verified(plan, inputs, offsets, manifest, report)
-    return _summary(plan, manifest, lost)._replace(beside=beside)
+    plan = plan._replace(output=output, facts={**plan.facts, **inputs.facts, "beside": list(beside)})
+    manifest = _made(plan, inputs, report)
+    return _summary(plan, manifest, inputs.lost)._replace(beside=beside)
+
+
+def _made(plan: Plan, inputs: _Inputs, report: Optional[Report]) -> Dict[str, Any]:
+    """Return the manifest of the verified recording: of the one that is here, or of one that is made now."""
+    before = _usable_manifest(plan, inputs)
+    if before is not None:
+        with suppress(BagError, RecordingError):  # then it was damaged since, and its parts may be whole
+            return _verified(plan, inputs, before, report)
+    _check_unchanged(plan.output, inputs)
+    return _verified(plan, inputs, _merged(plan, inputs, report), report)
 
 
 def _output(path: Path) -> Tuple[Path, Tuple[str, ...]]:
@@ -148,21 +175,53 @@ def _can_be_made_again(output: Path) -> bool:
     return all(path.is_file() and path.stat().st_size == size for path, size in there)
 
 
-def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], List[Loss]]:
-    """Return all bags, the correction of each, what the manifest says of the platforms, and what was lost."""
-    inputs: List[Path] = []
-    offsets: List[int] = []
-    platforms: Dict[str, Any] = {}
+class _Inputs(NamedTuple):
+    """What the recording is made of.
+
+    Args:
+        paths: of all bags.
+        offsets_ns: the correction of each.
+        origins: the platform of each, by its place in the plan.
+        unchecked: the sha256 that files had when they were closed, of those that were not looked at again since.
+        platforms: what the manifest says of each.
+        lost: by all of them.
+    """
+
+    paths: List[Path]
+    offsets_ns: List[int]
+    origins: List[int]
+    unchecked: Dict[Path, str]
+    platforms: Dict[str, Any]
+    lost: List[Loss]
+
+    @property
+    def facts(self) -> Dict[str, Any]:
+        """Return what the manifest says of them."""
+        lost, in_flight = [each.words for each in self.lost], [each.words for each in self.lost if each.counts]
+        return {"platforms": self.platforms, "lost": lost, "lost_in_flight": in_flight}
+
+
+def _inputs(plan: Plan) -> _Inputs:
+    """Return what there is of all platforms, and what was lost.
+
+    Raises:
+        BagError: A bag cannot be recovered.
+        RecordingError: A part did not arrive as it was sent, or there is no bag at all.
+    """
     lost = [Loss(f"{name}: its part, nothing of this session is there") for name in plan.facts.get("absent", ())]
-    lost += _began_late(plan.facts) + _ended_early(plan.facts)
-    for source in plan.sources:
+    found = _Inputs([], [], [], {}, {}, lost + _began_late(plan.facts) + _ended_early(plan.facts))
+    for origin, source in enumerate(plan.sources):
         content = check_arrived(source.folder, checksums=source.fetched)
         parts = whole_bags(source.folder, content, plan.output.parent / source.platform)
-        gone = _lost_here(content, parts, _wanted(plan, source, content))
-        inputs += [part.path for part in parts]
-        offsets += [source.correction_ns] * len(parts)
-        lost += [each._replace(words=f"{source.platform}/{each.words}") for each in gone]
-        platforms[source.platform] = {
+        gone = _stepped(source) + _lost_here(content, parts, _wanted(plan, source, content))
+        found.paths.extend(part.path for part in parts)
+        found.offsets_ns.extend([source.correction_ns] * len(parts))
+        found.origins.extend([origin] * len(parts))
+        if not source.fetched:
+            first = {str(each["file"]): each.get("changed") or each["sha256"] for each in content["files"]}
+            found.unchecked.update({source.folder / name: sha256 for name, sha256 in first.items()})
+        found.lost.extend(each._replace(words=f"{source.platform}/{each.words}") for each in gone)
+        found.platforms[source.platform] = {
             "clock": dict(source.clock),
             "correction_ns": source.correction_ns,
             "gaps": content.get("gaps", []),
@@ -171,9 +230,9 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
             "uncounted_topics": content.get("uncounted", []),
             "lost": [each.words for each in gone],
         }
-    if not inputs:
+    if not found.paths:
         raise RecordingError(f"{plan.output}: there is no bag on any platform, nothing was recorded; look at the logs")
-    return inputs, tuple(offsets), platforms, lost
+    return found
 
 
 def _began_late(facts: Mapping[str, Any]) -> List[Loss]:
@@ -199,68 +258,126 @@ def _ended_early(facts: Mapping[str, Any]) -> List[Loss]:
 
 
 def _wanted(plan: Plan, source: Source, content: Mapping[str, Any]) -> Wanted:
-    """Return what was to be recorded on a platform, on its clock; where that was never measured, nobody knows when."""
-    if source.far and not source.clock:
+    """Return what was to be recorded on a platform, on its clock; where that is not known, nobody knows when.
+
+    While a clock drifts, the flight lasts from its takeoff by the least to its landing by the greatest offset, so that
+    what may lie in it counts.
+    """
+    if (source.far and not source.clock) or _stepped(source):
         return Wanted(tolerated=frozenset(plan.facts.get("tolerated_topics", ())), topics=content.get("topics", {}))
     stopped_ns, flights = plan.facts.get("stopped_ns"), plan.facts.get("flights")
-    offsets = [int(each["offset_ns"]) for each in source.clock.values()]
-    shift_ns = sum(offsets) // len(offsets) if offsets else 0
+    offsets = [int(each["offset_ns"]) for each in source.clock.values()] or [0]
+    least_ns, most_ns = min(offsets), max(offsets)
     return Wanted(
-        end_ns=None if stopped_ns is None else int(stopped_ns) + shift_ns,
+        end_ns=None if stopped_ns is None else int(stopped_ns) + most_ns,
         flights=None
         if flights is None
-        else tuple((begin and begin + shift_ns, None if end is None else end + shift_ns) for begin, end in flights),
+        else tuple((begin and begin + least_ns, None if end is None else end + most_ns) for begin, end in flights),
         tolerated=frozenset(plan.facts.get("tolerated_topics", ())),
         topics=content.get("topics", {}),
     )
 
 
+def _stepped(source: Source) -> List[Loss]:
+    """Return that the offsets of a clock contradict each other; nobody knows which of the two was stepped, and when.
+
+    It counts, though every message may be there: of a group that was begun after the takeoff or ended before the
+    landing nobody can tell.
+    """
+    step_ns = clock_step_ns([Offset(**each) for each in source.clock.values()])
+    words = (
+        f"its clock, or the collector's, was stepped by {step_ns / SECOND:,.1f} s during the recording: its record "
+        "times are left as they are, and do not tell what was lost in the flight"
+    )
+    return [Loss(words)] if step_ns else []
+
+
 def _lost_here(content: Mapping[str, Any], parts: Sequence[Part], wanted: Wanted) -> List[Loss]:
     """Return the losses of a part, with what was lost in bags that were recovered here."""
-    known = {part.path.name.split(".")[0]: part.lost for part in parts}
-    files = [
-        {**entry, "lost": known.get(str(entry["file"]).split(".")[0])} if entry.get("open") else entry
-        for entry in content["files"]
-    ]
+    here = {part.file: part for part in parts}
+    files = [told for entry in content["files"] for told in _told(entry, here.get(str(entry["file"])))]
     return losses({**content, "files": files}, wanted)
 
 
-def _usable_manifest(output: Path, inputs: Sequence[Path], offsets: Sequence[int]) -> Optional[Dict[str, Any]]:
-    """Return the manifest of a merge of just these inputs that was finished before; None when there is none."""
+def _told(entry: Mapping[str, Any], part: Optional[Part]) -> List[Mapping[str, Any]]:
+    """Return what the list says of a file, with what was lost of it here; None: nothing of it could be read."""
+    file = entry["file"]
+    if part is None:
+        return [{"file": file, "lost": None, "unreadable": True}] if entry["bytes"] else []
+    if entry.get("open"):
+        return [{**entry, "lost": part.lost}]
+    return [entry] if part.path.name == file else [entry, {"file": file, "lost": part.lost}]
+
+
+def _usable_manifest(plan: Plan, inputs: _Inputs) -> Optional[Dict[str, Any]]:
+    """Return the manifest of just this merge that was finished before, and not found wrong; None: there is none."""
+    output = plan.output
     if not output.is_file():
         return None
     try:
         manifest = read_manifest(manifest_path(output))
-        made = [(str(each["file"]), each["bytes"], each["offset_ns"]) for each in manifest["inputs"]]
-    except (BagError, KeyError, TypeError):
+        made = [  # an earlier version compared files, not platforms, and says nothing of it
+            (str(each["file"]), each["bytes"], each["offset_ns"], each.get("origin", place))
+            for place, each in enumerate(manifest["inputs"])
+        ]
+        as_asked = manifest["duplicates"]["what"] == plan.duplicates and (manifest["verified"] or {}).get("ok", True)
+    except (BagError, KeyError, TypeError, AttributeError):
         return None
-    now = [(_relative(path, output.parent), path.stat().st_size, offset) for path, offset in zip(inputs, offsets)]
+    files = ((_relative(path, output.parent), path.stat().st_size) for path in inputs.paths)
+    now = [(*file, *how) for file, *how in zip(files, inputs.offsets_ns, inputs.origins)]
     same = manifest["output"].get("bytes") == output.stat().st_size
-    return manifest if same and made == now else None
+    return manifest if as_asked and same and made == now else None
+
+
+def _check_unchanged(output: Path, inputs: _Inputs) -> None:
+    """See to it that what is written over can be made again: its parts are what they were when they were closed.
+
+    Raises:
+        RecordingError: One is not; the recording that is there may be the only copy of what it was.
+    """
+    if not output.exists():
+        return
+    changed = [path for path, sha256 in inputs.unchecked.items() if sha256_of(path) != sha256]
+    if changed:
+        names = " and ".join(map(str, changed))
+        raise RecordingError(
+            f"{output}: is not made again, as it may have what its parts lack: {names} is not what was recorded any "
+            "more; both are kept"
+        )
 
 
 def _relative(path: Path, folder: Path) -> str:
     return os.path.relpath(path.resolve(), folder.resolve())
 
 
-def _merged(plan: Plan, inputs: Sequence[Path], offsets: Tuple[int, ...], report: Optional[Report]) -> Dict[str, Any]:
-    options = MergeOptions(offsets_ns=offsets, duplicates=plan.duplicates, replace=True)
-    merged = merge(inputs, plan.output, options, _as_progress(report, Phase.MERGING))
-    manifest = merge_manifest(merged, inputs, options)
+def _merged(plan: Plan, inputs: _Inputs, report: Optional[Report]) -> Dict[str, Any]:
+    options = MergeOptions(
+        offsets_ns=tuple(inputs.offsets_ns),
+        duplicates=plan.duplicates,
+        origins=tuple(inputs.origins),
+        replace=True,
+    )
+    merged = merge(inputs.paths, plan.output, options, _as_progress(report, Phase.MERGING))
+    manifest = merge_manifest(merged, inputs.paths, options)
     write_manifest(manifest_path(plan.output), manifest)
     return manifest
 
 
-def _verified(
-    plan: Plan, inputs: Sequence[Path], offsets: Tuple[int, ...], manifest: Dict[str, Any], report: Optional[Report]
-) -> Dict[str, Any]:
-    verified = verify(
-        plan.output,
-        inputs,
-        offsets_ns=offsets,
-        duplicates=declared_duplicates(manifest),
-        progress=_as_progress(report, Phase.VERIFYING),
-    )
+def _verified(plan: Plan, inputs: _Inputs, manifest: Dict[str, Any], report: Optional[Report]) -> Dict[str, Any]:
+    """Verify the recording; write and return its manifest, with the facts and the verdict."""
+    manifest = {**manifest, **plan.facts}
+    try:
+        verified = verify(
+            plan.output,
+            inputs.paths,
+            offsets_ns=inputs.offsets_ns,
+            duplicates=declared_duplicates(manifest),
+            progress=_as_progress(report, Phase.VERIFYING),
+        )
+    except BagError as error:  # an earlier verdict holds no longer
+        verdict = {"ok": False, "problems": [str(error)], "readers": {}}
+        write_manifest(manifest_path(plan.output), {**manifest, "verified": verdict})
+        raise
     if report is not None:
         report(Phase.VERIFYING, 1, 1)
     manifest = verified_manifest(manifest, verified)

@@ -112,13 +112,16 @@ def _read(index: Index, wanted: Iterable[int]) -> Iterator[Tuple[int, Any]]:
 
 
 def _groups(index: Index, wanted: Iterable[int]) -> List[List[int]]:
-    """Return the chunks with messages of some connections, a few of one kind together."""
+    """Return the chunks with messages of some connections, a few of one kind together; none whose head is damaged."""
     groups: List[List[int]] = []
     kind = None
     for number, chunk in enumerate(index.chunks):
         if not any(connection in wanted for connection, _ in chunk.counts):
             continue
-        compression = index.head(number).compression
+        try:
+            compression = index.head(number).compression
+        except BagError:
+            continue
         if not groups or compression != kind or len(groups[-1]) >= _GROUP:
             groups.append([])
         groups[-1].append(number)
@@ -384,12 +387,15 @@ def _of_files(content: Mapping[str, Any], gaps: Sequence[Mapping[str, Any]], wan
         group, number = (file.group, file.number) if file is not None else ("", 0)
         gap = after.get((group, number)) if left_open else None
         ends = left_open and wanted.end_ns is not None and group in content.get("open_ends", {})
-        if lost == 0 or (lost is None and (gap is not None or ends)):
+        changed = ", it has changed since it was listed" if entry.get("changed") else ""
+        if lost == 0 or (lost is None and not changed and (gap is not None or ends)):
             continue
         counts = wanted.counts(group, *((gap.get("from_ns"), gap.get("to_ns")) if gap is not None else (None, None)))
-        how_many = "an unknown number of" if lost is None else f"{lost:,}"
-        found.append(Loss(f"{entry['file']}: {how_many} messages", counts))
-    return found
+        how_many = "an unknown number of messages" if lost is None else f"{lost:,} messages"
+        what = "nothing of it can be read" if entry.get("unreadable") else how_many
+        found.append(Loss(f"{entry['file']}: {what}{changed}", counts))
+    gone = content.get("gone", ())
+    return found + [Loss(f"{name}: all of it, it was listed and is not there any more") for name in gone]
 
 
 def _of_gaps(gaps: Sequence[Mapping[str, Any]], wanted: Wanted) -> List[Loss]:

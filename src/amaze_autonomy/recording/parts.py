@@ -2,34 +2,40 @@
 
 What a recorder left open is closed where it lies: the bytes that this changes are in an undo file beside it. What is
 damaged elsewhere than at its end is recovered into a new bag, and the original stays beside that. Where the storage has
-no space for it, the open one is listed as it is: the collector makes it whole.
+no space for it, it is listed as it is: the collector makes it whole. So it does where a merge finds damaged data in a
+bag whose index is good. A file of which nothing can be read is a loss that is told, and hinders no other.
 """
 
 from __future__ import annotations
 
+import os
+import struct
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set
 
-from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.errors import BagError, RecordError
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.recover.recover import read_undo, recover, recover_in_place, undo_path
-from amaze_autonomy.whole_file import sha256_of
+from amaze_autonomy.bags.recover.scan import scan
+from amaze_autonomy.whole_file import sha256_of, sync_folder
 
 from .errors import TransferError
 from .losses import Numbers, Stream, Written, account, header_numbers, recorded, written
 from .programs import LogState, read_line
-from .storage import PARTS, read_json, write_json
+from .storage import PARTS, read_json, read_parts, write_json
 
 _RECOVERED = ".recovered.bag"
 Progress = Callable[[int, int], None]
 
 
 class Part(NamedTuple):
-    """A bag that is whole: where it lies, and how many messages were lost by damage (None: nobody knows)."""
+    """A bag that is whole: where it lies, how many messages were lost by damage (None: nobody knows), of which file."""
 
     path: Path
     lost: Optional[int]
+    file: str
 
 
 def open_bags(folder: Path) -> List[Path]:
@@ -43,30 +49,86 @@ def whole_bags(
 ) -> List[Part]:
     """Return a whole bag for each that the list of a part names, recovering into `target` what was left open.
 
+    Of a file of which nothing can be read there is none: whoever asks sees that from the list.
+
     Raises:
-        BagError: One cannot be recovered.
+        BagError: One cannot be recovered now, as for want of space.
     """
-    found = [_whole(folder / str(entry["file"]), target, progress) for entry in content["files"]]
+    found: List[Optional[Part]] = []
+    for entry in content["files"]:
+        path = folder / str(entry["file"])
+        try:
+            found.append(_whole(path, target, progress))
+        except BagError as error:
+            if error.path != str(path) or not isinstance(error.__cause__, (RecordError, struct.error)):
+                raise  # not for what is in it
     return [part for part in found if part is not None]
+
+
+def recover_damaged(folder: Path, bag: Path, target: Path, progress: Optional[Progress] = None) -> bool:
+    """Recover what is good of a bag that could not be merged; return whether `whole_bags` has another one now.
+
+    It says no where all data was looked at before, or nothing is wrong with it.
+
+    Args:
+        folder: of the part.
+        bag: as `whole_bags` returned it.
+        target: as it was told.
+        progress: called with bytes done and all bytes.
+
+    Raises:
+        BagError: It cannot be recovered, as for want of space.
+    """
+    for entry in (read_parts(folder) or {"files": []})["files"]:
+        path = folder / str(entry["file"])
+        output = _output(path, target)
+        if bag not in (path, output) or not bag.exists():
+            continue
+        checked = bag == output and (read_json(_note(output)) or {}).get("checked")
+        if checked or not scan(path).damages:
+            return False
+        _recovered(path, output, check_data=True, progress=progress)
+        return True
+    return False
 
 
 def _whole(path: Path, target: Path, progress: Optional[Progress]) -> Optional[Part]:
     if path.stat().st_size == 0:
         return None  # not a byte was written
+    output = _output(path, target)
+    before = _recovered_before(path, output)
+    if before is not None:
+        return before
     if path.name.endswith(".bag") and _is_good(path):
-        return Part(path, 0)
-    output = target / f"{path.name.split('.bag')[0]}{_RECOVERED}"
-    if output.exists() and _is_good(output):
-        return Part(output, _lost_before(target, output))
-    target.mkdir(parents=True, exist_ok=True)
-    done = recover(path, output, check_data=path.name.endswith(".bag"), replace=True, progress=progress)
-    return Part(output, done.scan.lost)
+        return Part(path, 0, path.name)
+    return _recovered(path, output, check_data=path.name.endswith(".bag"), progress=progress)
 
 
-def _lost_before(folder: Path, bag: Path) -> Optional[int]:
-    """Return what an earlier recovery lost, as far as it is written down."""
-    listed = (read_json(folder / PARTS) or {}).get("files", [])
-    return next((each.get("lost") for each in listed if each.get("file") == bag.name), None)
+def _output(path: Path, target: Path) -> Path:
+    """Return where what is recovered from a file is to lie."""
+    return target / f"{path.name.split('.bag')[0]}{_RECOVERED}"
+
+
+def _note(output: Path) -> Path:
+    """Return the file beside a recovered bag that says what it was made of and what was lost."""
+    return output.with_suffix(".json")
+
+
+def _recovered(path: Path, output: Path, *, check_data: bool, progress: Optional[Progress]) -> Part:
+    """Recover a bag, and write down what was lost: who comes after a kill must not have to guess."""
+    output.parent.mkdir(parents=True, exist_ok=True)
+    _note(output).unlink(missing_ok=True)
+    done = recover(path, output, check_data=check_data, replace=True, progress=progress)
+    lost = done.scan.lost
+    write_json(_note(output), {"file": path.name, "bytes": done.scan.size, "lost": lost, "checked": check_data})
+    return Part(output, lost, path.name)
+
+
+def _recovered_before(path: Path, output: Path) -> Optional[Part]:
+    """Return what was recovered from a file before; None where that is not written down, or it is another file now."""
+    note = read_json(_note(output)) or {}
+    same = (note.get("file"), note.get("bytes")) == (path.name, path.stat().st_size)
+    return Part(output, note.get("lost"), path.name) if same and "lost" in note and _is_good(output) else None
 
 
 def _is_good(path: Path) -> bool:
@@ -82,31 +144,73 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
 
     Args:
         folder: of the part.
-        facts: of the recording, for the list: session, platform, gaps, dropped, when recorders were seen.
+        facts: of the recording, for the list: session, platform, gaps, dropped, when recorders were seen; `anew` says
+            that nothing was recorded since it was listed, so what is not as it was then is a loss.
         progress: called with bytes done and all bytes.
 
     Raises:
         BagError: A bag is damaged beyond recovery.
         FolderError: The list cannot be written.
     """
+    before, anew = read_parts(folder) or {"files": []}, bool(facts.get("anew"))
     paths = open_bags(folder)
     meter = _Meter(sum(path.stat().st_size for path in paths), progress)
     entries: List[Dict[str, Any]] = []
     files: List[Written] = []
     for path in paths:
         size = path.stat().st_size
-        listed = _listed(folder, path)
+        listed = [_compared(each, before, anew=anew) for each in _listed(folder, path)]
         entries += listed
         files += _written(folder, path, listed)
         meter.add(size)
     known = account(files, facts.get("gaps", []))
     logs = sorted(folder.glob("*.log"))
-    content = {"parts": 1, **facts, **known._asdict(), "files": entries, "logs": [path.name for path in logs]}
+    gone = _gone(folder, entries, before) if anew else {}
+    facts = {key: value for key, value in facts.items() if key != "anew"}
+    content = {"parts": 1, **facts, **known._asdict(), **gone, "files": entries, "logs": [path.name for path in logs]}
     content["dropped"] = max(int(facts.get("dropped", 0)), sum(map(_warnings, logs)))
     content["recorded"] = recorded(files, known.gaps, facts.get("seen", {}))
     content["uncounted"] = _uncounted(folder, entries, files)
-    write_json(folder / PARTS, content)
+    if content != before or not anew:
+        _put_on_disk(folder, entries)
+        write_json(folder / PARTS, content)
     return content
+
+
+def _put_on_disk(folder: Path, entries: Sequence[Mapping[str, Any]]) -> None:
+    """Wait until all files that a list is to name are on the disk: rosbag closes them without that."""
+    for entry in entries:
+        file = os.open(folder / str(entry["file"]), os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            os.fsync(file)
+        finally:
+            os.close(file)
+    sync_folder(folder)
+
+
+def _compared(entry: Dict[str, Any], before: Mapping[str, Any], *, anew: bool) -> Dict[str, Any]:
+    """Return an entry with what is known of it since it was listed before; `anew`: it should be as it was then."""
+    names = (entry["file"], entry.get("recovered_from"))
+    was = next((each for each in before["files"] if each["file"] in names and not each.get("open")), None)
+    if was is None or entry.get("open"):
+        return entry
+    if (was["file"], was.get("sha256")) == (entry["file"], entry["sha256"]):
+        return {**entry, **{key: was[key] for key in ("lost", "changed") if key in was}}
+    if not anew:
+        return entry
+    if was["file"] == entry["file"]:
+        return {**entry, "lost": None, "changed": was.get("changed") or was.get("sha256")}
+    missing = was.get("messages", 0) - entry["messages"]  # it had to be recovered since
+    lost = (was.get("lost", 0), missing if missing > 0 else entry["lost"])
+    return {**entry, "lost": None if None in lost else sum(lost)}
+
+
+def _gone(folder: Path, entries: Sequence[Mapping[str, Any]], before: Mapping[str, Any]) -> Dict[str, List[str]]:
+    """Return the names of files that were listed before and are nowhere; nothing when there are none."""
+    here = {name for entry in entries for name in (entry["file"], entry.get("recovered_from"))}
+    names = {*(each["file"] for each in before["files"]), *before.get("gone", ())}
+    gone = sorted(name for name in names - here if not (folder / name).exists())
+    return {"gone": gone} if gone else {}
 
 
 def _warnings(log: Path) -> int:
@@ -189,32 +293,58 @@ def _before(path: Path) -> Dict[str, Any]:
 def _entry(path: Path) -> Dict[str, Any]:
     messages, size = 0, path.stat().st_size
     if path.name.endswith(".bag"):
-        with Index(path) as index:
+        with suppress(BagError), Index(path) as index:  # of one that cannot be recovered here nobody knows
             messages = sum(chunk.messages for chunk in index.chunks)
     return {"file": path.name, "bytes": size, "messages": messages, "sha256": sha256_of(path)}
+
+
+_ANEW = "retry, and its platform lists anew what is there"
+_AGAIN = "retry, and it is transferred again"
 
 
 def check_arrived(folder: Path, *, checksums: bool = True) -> Dict[str, Any]:
     """Return the list of a part whose files are all there, as they were sent.
 
+    Args:
+        folder: of the part.
+        checksums: it was sent, so checksums are looked at, and what is different is put aside. A part in place was
+            not: its file may be the only one there is, and is left alone.
+
     Raises:
         TransferError: One is missing or different, or there is no list.
     """
-    content = read_json(folder / PARTS)
+    content = read_parts(folder)
+    unchanged, remedy = ("", _AGAIN) if checksums else ("nothing was changed; ", _ANEW)
     if content is None:
-        raise TransferError(
-            f"{folder / PARTS}: is missing, so nobody knows whether the part is whole; transfer it again"
-        )
+        wrong = "is missing, or no list of a part; nobody knows whether it is whole"
+        raise TransferError(f"{folder / PARTS}: {wrong}; {unchanged}{_ANEW}")
     for entry in content["files"]:
         path = folder / str(entry["file"])
         if path.name != entry["file"]:
             raise TransferError(f"{folder / PARTS}: names a file that is none of this part, {entry['file']!r}")
-        if not path.is_file():
-            raise TransferError(f"{path}: did not arrive; retry, and it is transferred again")
-        if path.stat().st_size != entry["bytes"] or (checksums and sha256_of(path) != entry["sha256"]):
-            path.replace(path.with_name(f".{path.name}.bad"))
-            raise TransferError(f"{path}: is not what was sent, and was put aside; retry, and it is transferred again")
+        wrong = _difference(path, entry, checksums=checksums)
+        if wrong and checksums and path.is_file():
+            path.replace(_aside(path))
+            wrong += ", and was put aside"
+        if wrong:
+            raise TransferError(f"{path}: {wrong}; {unchanged}{remedy}")
     return content
+
+
+def _difference(path: Path, entry: Mapping[str, Any], *, checksums: bool) -> str:
+    """Return how a file is not what the list of its part says; an empty text when it is."""
+    if not path.is_file():
+        return "did not arrive" if checksums else "is not there, and its list names it"
+    size, listed = path.stat().st_size, entry.get("bytes")
+    if not checksums:
+        return "" if size == listed else f"has {size} bytes and not {listed}, as its list says"
+    return "" if size == listed and sha256_of(path) == entry.get("sha256") else "is not what was sent"
+
+
+def _aside(path: Path) -> Path:
+    """Return a hidden name for a file that nothing has."""
+    names = (path.with_name(f".{path.name}.bad{number if number > 1 else ''}") for number in count(1))
+    return next(each for each in names if not each.exists())
 
 
 class _Meter:

@@ -2,6 +2,7 @@ r"""The recorder of one platform: which processes shall run, what they prove, an
 
     IDLE -> STARTING -> RECORDING -> STOPPING -> RECOVERING -> COMPLETE
                                                      \-> FAILED -> (asked to stop again) RECOVERING
+                                                         COMPLETE -> (asked to stop again) RECOVERING
 
 A storage that is full but for its reserve ends the recorders, so that their files are closed; with space they go on.
 STARTING becomes RECORDING when every group proves that it records, and never falls back: what fails later is told by
@@ -9,7 +10,9 @@ STARTING becomes RECORDING when every group proves that it records, and never fa
 started again into a new file at once, for as long as the recording lasts. While a session is recorded, a start for
 another one is refused: who wants that has to stop this one first. No recorder ever writes over a file: its number is
 higher than that of any file of its group in the session's folder, whoever wrote that and whatever is remembered of it.
-COMPLETE means that this platform's part is closed and listed; to make one of all parts is the collector's job.
+COMPLETE means that this platform's part is closed and listed; to make one of all parts is the collector's job. Where
+that has failed, it asks to stop once more, and the part is listed anew: a disk may have lost what was listed. Of a list
+that is still right nothing is written, so that whoever fetches the part meanwhile is not disturbed.
 
 Where a recorder of a group ended, or said that it stopped to write, while it should record, there is a gap: from the
 last growth of its files to the next, or to the end of the recording. So there is where its process was stopped (it is
@@ -359,7 +362,7 @@ class PlatformRecorder:
         self._next: Optional[Tuple[str, str]] = None
         self._growth = Growth()
         self._processes = ProcessStatus()
-        self._recovering = self._full = False
+        self._recovering = self._full = self._anew = False
         self._progress: Optional[float] = None
         self._message = ""
         self._escalation = self._tries = 0
@@ -383,7 +386,7 @@ class PlatformRecorder:
         return Answer(accepted=True)
 
     def stop(self, t_ns: int, session_id: str) -> Answer:
-        """End the session, and make its part whole; again after FAILED."""
+        """End the session, and make its part whole; again after FAILED, and anew after COMPLETE."""
         if self._next is not None and session_id == self._next[0]:
             self._next = None
             return Answer(accepted=True, message="it had not begun")
@@ -391,7 +394,8 @@ class PlatformRecorder:
             return Answer(accepted=False, message=f"session {session_id!r} was not recorded here")
         if self.phase in WRITING:
             self._enter(Phase.STOPPING, t_ns)
-        elif self.phase is Phase.FAILED:
+        elif self.phase in (Phase.FAILED, Phase.COMPLETE):
+            self._anew = self._anew or self.phase is Phase.COMPLETE
             self._enter(Phase.RECOVERING, t_ns)
         return Answer(accepted=True)
 
@@ -407,7 +411,7 @@ class PlatformRecorder:
         if session_id != self.session_id:
             self._leave_for(session_id)
             self._growth = Growth()
-        self.session_id, self.mission_id, self.location = session_id, mission_id, ""
+        self.session_id, self.mission_id, self.location, self._anew = session_id, mission_id, "", False
         for each in self.setup.groups:
             group = self.groups.setdefault(each.name, Group(each.name))
             group.shift_ns = self._shift_ns
@@ -556,6 +560,7 @@ class PlatformRecorder:
             "gaps": [gap for group in self.groups.values() for gap in group.gaps],
             "seen": {name: dict(group.span) for name, group in self.groups.items()},
             "dropped": self.dropped,
+            **({"anew": True} if self._anew else {}),
         }
 
     def _troubles(self, t_ns: int) -> List[str]:
@@ -590,6 +595,7 @@ class PlatformRecorder:
             "location": self.location,
             "phase": self.phase.name,
             "message": self._message,
+            "anew": self._anew,
             "groups": {name: group.memory() for name, group in self.groups.items()},
             "left": [[session_id, groups] for session_id, groups in self._left.items()],
         }
@@ -605,7 +611,7 @@ class PlatformRecorder:
         self.groups = {name: Group.of_memory(name, value, writing=writing) for name, value in memory["groups"].items()}
         self._left = {str(session_id): dict(groups) for session_id, groups in memory.get("left", ())}
         self._enter(phase, t_ns)
-        self._message = str(memory["message"])
+        self._message, self._anew = str(memory["message"]), bool(memory.get("anew"))
 
 
 _TURNS: Mapping[Phase, Callable[[PlatformRecorder, int], List[Command]]] = {

@@ -185,10 +185,18 @@ class MeasureClock:
 
 @dataclass(frozen=True)
 class Transfer:
-    """Fetch a platform's part from where it says that it lies."""
+    """Fetch a platform's part from where it says that it lies; what comes of it is told with this number."""
 
     platform: str
     location: str
+    number: int
+
+
+@dataclass(frozen=True)
+class StopTransfer:
+    """End the fetch of a platform's part, which nobody waits for any more."""
+
+    platform: str
 
 
 @dataclass(frozen=True)
@@ -201,4 +209,4 @@ class CopyJournal:
     """Copy the engine's journal and configuration into the session."""
 
 
-Command = Union[StartChild, Signal, Recover, Ask, MeasureClock, Transfer, Collect, CopyJournal]
+Command = Union[StartChild, Signal, Recover, Ask, MeasureClock, Transfer, StopTransfer, Collect, CopyJournal]

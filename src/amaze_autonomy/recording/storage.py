@@ -61,6 +61,16 @@ def read_json(path: Path) -> Optional[Dict[str, Any]]:
     return value if isinstance(value, dict) else None
 
 
+def read_parts(folder: Path) -> Optional[Dict[str, Any]]:
+    """Return the list of a part; None when there is none, or it names no files: a stranger may have sent it."""
+    content = read_json(folder / PARTS) or {}
+    files, logs = content.get("files"), content.get("logs", [])
+    if not isinstance(files, list) or not isinstance(logs, list):
+        return None
+    names = [each.get("file") if isinstance(each, dict) else None for each in files] + logs
+    return content if all(isinstance(name, str) and name.isprintable() for name in names) else None
+
+
 def space_of(folder: Path) -> Optional[Space]:
     """Return the space of the storage that a folder lies on, or will lie on; None when nobody can say."""
     while not folder.exists() and folder != folder.parent:
@@ -128,7 +138,7 @@ def remove_part(folder: Path, recordings: Path, verified: Mapping[str, str]) -> 
         verified: names of files and their sha256, as the manifest of the verified recording has them. A file that is
             otherwise, by the list or on the disk, stays.
     """
-    content = read_json(folder / PARTS)
+    content = read_parts(folder)
     if content is None or folder.parent.parent != recordings:
         _log.warning("%s is no part of a session here; nothing is removed", folder)
         return

@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import Connection
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.merge.manifest import Tally
+from amaze_autonomy.bags.merge.manifest import Tally, merge_manifest
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
 from amaze_autonomy.bags.merge.verify import verify
 
@@ -238,6 +238,37 @@ def test_dropping_agrees_with_three_inputs(tmp_path):
     result = merged(tmp_path, inputs, duplicates="drop")
     assert multiset(result.path) == multiset(inputs[0])
     assert sum(tally.messages for tally in result.duplicates.values()) == 80
+
+
+def repeated(first, last, *, after_ms=0):
+    """Return messages of a publisher that says the same each time, with this and that number."""
+    return [(START_NS + (each * 100 + after_ms) * MS, "/armed", text("yes"), "/n") for each in range(first, last)]
+
+
+def test_files_of_one_recorder_are_no_duplicates_of_each_other(tmp_path):
+    """What is said at the end of one file is said again at the beginning of the next: both were published."""
+    files = [write_bag(tmp_path / "1_0.bag", repeated(0, 20)), write_bag(tmp_path / "1_1.bag", repeated(20, 40))]
+    for duplicates in ("drop", "count"):
+        result = merged(tmp_path, files, duplicates=duplicates, origins=(0, 0), replace=True)
+        assert (multiset(result.path), result.duplicates, result.warnings) == (multiset(*files), {}, ())
+
+
+def test_what_another_computer_recorded_too_is_dropped_whatever_files_it_lies_in(tmp_path):
+    """The second one began in the first file of the first one, and its own next file is in the other's second one."""
+    first = [write_bag(tmp_path / "1_0.bag", repeated(0, 20)), write_bag(tmp_path / "1_1.bag", repeated(20, 40))]
+    second = [repeated(12, 25, after_ms=2), repeated(25, 33, after_ms=2)]
+    files = [*first, *(write_bag(tmp_path / f"2_{place}.bag", rows) for place, rows in enumerate(second))]
+    result = merged(tmp_path, files, duplicates="drop", origins=(0, 0, 1, 1))
+    assert multiset(result.path) == multiset(*first)
+    assert [tally.messages for tally in result.duplicates.values()] == [21]
+    assert verify(result.path, files, duplicates=result.duplicates, readers="none").problems == ()
+
+
+def test_the_manifest_says_where_each_input_was_recorded(tmp_path):
+    inputs = [bag(tmp_path / f"{each}.bag", rows("/a", 3)) for each in range(3)]
+    for options, origins in ((MergeOptions(), [0, 1, 2]), (MergeOptions(origins=(0, 1, 1)), [0, 1, 1])):
+        result = merge(inputs, tmp_path / "merged.bag", options._replace(replace=True))
+        assert [each["origin"] for each in merge_manifest(result, inputs, options)["inputs"]] == origins
 
 
 @given(

@@ -88,6 +88,24 @@ def test_on_80_columns_and_24_lines_the_advice_is_on_the_screen(name):
     assert advice in " ".join(" ".join(draw(SCENES[name], 80, 24)).split())
 
 
+@pytest.mark.parametrize(
+    "name, keys",
+    [
+        ("ready", "H hold L LAND A ABORT Q close console only"),
+        ("land", "H hold L LAND A ABORT Q close console only"),
+        ("waiting-engine", "H hold L LAND A ABORT Q close console only"),
+        (
+            "mission-ended",
+            "no contact: key, then Enter: 2_ H Enter hold L Enter LAND A Enter ABORT Ctrl-C close console only",
+        ),
+    ],
+)
+def test_without_contact_the_keys_at_the_bottom_are_those_that_stop_the_vehicle_or_bring_it_down(name, keys):
+    lines = draw(replace(SCENES[name], received_s=NOW_S - 7.0), 100, style=ASCII)
+    rule = max(number for number, line in enumerate(lines) if line == "-" * 100)
+    assert " ".join(" ".join(lines[rule + 1 :]).split()).endswith(keys)
+
+
 def test_the_address_of_the_page_is_on_the_screen():
     lines = draw(replace(SCENES["hold"], page="http://127.0.0.1:8080/#a-token-of-22-letters-"), 80, 24)
     assert lines[-2].split() == ["the", "same", "as", "a", "page:", "http://127.0.0.1:8080/#a-token-of-22-letters-"]

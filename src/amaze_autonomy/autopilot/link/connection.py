@@ -32,8 +32,8 @@ _LOOK_NS = 20_000_000
 class Client(Protocol):
     """What lives on a link. Both return the messages to send; the link addresses and sequences nothing else."""
 
-    def receive(self, t_ns: int, message: Message) -> Iterable[Message]:
-        """Take a message of the vehicle."""
+    def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> Iterable[Message]:
+        """Take a message of the vehicle; not heard: somebody answered in its place, and it may be silent."""
 
     def wake(self, t_ns: int, *, read: bool = True) -> Iterable[Message]:
         """Look at the time, 20 times a second; all that had come was read, or the link could not be read empty."""

@@ -2,14 +2,15 @@
 
 So one client serves both ways to the vehicle. The table at the end: topic below mavros' namespace, type, what is made.
 The names of modes are turned back into numbers, and tell whose they are (`Behind`). Whether ArduPilot has a position is
-in EKF_STATUS_REPORT alone, of which mavros makes no topic: it is taken from `mavlink/from`, all that mavros receives.
+in EKF_STATUS_REPORT alone, of which mavros makes no topic, and what it thinks of its battery in the charge state of
+BATTERY_STATUS, which mavros' topic leaves out: both are taken from `mavlink/from`, all that mavros receives.
 """
 
 from __future__ import annotations
 
 import struct
 from math import asin, atan2, isfinite, nan, pi
-from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.monitoring.gravity import up_of_quaternion
 
@@ -17,7 +18,7 @@ from ..link.dialect import Message, mavlink
 from ..vehicle.modes import autopilot_of, mavros_number
 
 VEHICLE = (1, 1)
-EKF = int(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
+EKF, BATTERY = int(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT), int(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS)
 _UNKNOWN_AUTOPILOT, _NO_MODE = int(mavlink.MAV_AUTOPILOT_GENERIC), 255  # of PX4 it is 0.0
 _NAMES = {mavlink.MAV_AUTOPILOT_PX4: "PX4's", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot's"}
 _IN_A_ROW = 5  # states that say another autopilot than the known one, disarmed
@@ -225,15 +226,34 @@ def _apart(_: Any) -> None:
     """Say nothing by itself."""
 
 
-def _ekf(message: Any) -> Optional[Message]:
-    """Return the EKF_STATUS_REPORT in a mavros_msgs/Mavlink; MAVLink 2 leaves zeros at the end out of a payload."""
-    kind, size = mavlink.MAVLink_ekf_status_report_message, 8 * len(message.payload64)
-    if message.msgid != EKF or message.framing_status != _FRAMING_OK or message.len > size:
+def _received(message: Any) -> Optional[Message]:
+    """Return the message in a mavros_msgs/Mavlink; MAVLink 2 leaves zeros at the end out of a payload."""
+    kind, size = TAKEN_FROM_RECEIVED.get(message.msgid), 8 * len(message.payload64)
+    if kind is None or message.framing_status != _FRAMING_OK or message.len > size:
         return None
     data = struct.pack(f"<{len(message.payload64)}Q", *message.payload64)[: message.len]
-    form = struct.Struct(bytes(kind.native_format).decode("ascii"))
-    values = form.unpack(data.ljust(form.size, b"\0")[: form.size])
-    return kind(*(values[place] for place in kind.orders))
+    letters = bytes(kind.native_format).decode("ascii")  # the order of bytes, and one for each field, arrays, too
+    counted = (f"{length}{letter}" for length, letter in zip(kind.lengths, letters[1:]))
+    form = struct.Struct(letters[0] + "".join(counted))
+    fields = _fields(form.unpack(data.ljust(form.size, b"\0")[: form.size]), kind.lengths)
+    return kind(*(fields[place] for place in kind.orders))
+
+
+def _fields(values: Tuple[Any, ...], lengths: Iterable[int]) -> List[Any]:
+    """Return the fields of a payload; one that is longer than 1 is an array."""
+    fields: List[Any] = []
+    at = 0
+    for length in lengths:
+        fields.append(values[at] if length == 1 else list(values[at : at + length]))
+        at += length
+    return fields
+
+
+TAKEN_FROM_RECEIVED: Mapping[int, Any] = {
+    EKF: mavlink.MAVLink_ekf_status_report_message,
+    BATTERY: mavlink.MAVLink_battery_status_message,
+}
+"""What is taken of all that mavros receives."""
 
 
 def _home(message: Any) -> Message:
@@ -245,7 +265,7 @@ _PARTS_APART = 5  # so many of one part may come without the other
 _VELOCITY = Source("local_position/velocity_local", "geometry_msgs/TwistStamped", "LOCAL_POSITION_NED", _apart)
 _HEIGHT = Source("global_position/rel_alt", "std_msgs/Float64", "GLOBAL_POSITION_INT", _apart)
 STATE = Source("state", "mavros_msgs/State", "HEARTBEAT", _apart)
-RECEIVED = Source("mavlink/from", "mavros_msgs/Mavlink", "EKF_STATUS_REPORT", _ekf)
+RECEIVED = Source("mavlink/from", "mavros_msgs/Mavlink", "EKF_STATUS_REPORT", _received)
 """Beside mavros' namespace, not below it; of ArduPilot alone, since each message that mavros receives costs time."""
 WAYPOINTS = Source("mission/waypoints", "mavros_msgs/WaypointList", "MISSION_CURRENT", _apart)
 """What `MavrosMission` reads."""
@@ -282,13 +302,15 @@ class Converter:
     What mavros receives may be of any vehicle on its link; `target`, system and component, is the one that it flies.
 
     mavros publishes both parts of one message of the vehicle together: a part whose topic has ended is unknown after a
-    few of the other, not what it was last.
+    few of the other, not what it was last. A battery may come on its topic and among what mavros receives: there with
+    its charge state, so its topic says nothing meanwhile.
     """
 
     def __init__(self) -> None:
         self.behind, self.target = Behind(), VEHICLE
         self._velocity, self._height_mm = (nan, nan, nan), 0
         self._without = {_VELOCITY.makes: _PARTS_APART, _HEIGHT.makes: _PARTS_APART}
+        self._judged: Dict[int, int] = {}  # number of a battery: how often its topic came since it was received
 
     def convert(self, source: Source, message: Any) -> Optional[Message]:
         """Return the MAVLink message of a message on a topic; None: it says nothing by itself."""
@@ -302,6 +324,8 @@ class Converter:
         elif source is _HEIGHT and isfinite(message.data):
             self._height_mm, self._without[source.makes] = round(1000 * message.data), 0
         made = source.make(message)
+        if made is not None and made.get_type() == "BATTERY_STATUS":
+            return self._battery(made, whole=source is RECEIVED)
         if made is None or source.makes not in self._without:
             return made
         known = self._without[source.makes] < _PARTS_APART
@@ -311,6 +335,14 @@ class Converter:
             return made
         made.relative_alt = self._height_mm
         return made if known else None
+
+    def _battery(self, made: Message, *, whole: bool) -> Optional[Message]:
+        if whole:
+            self._judged[made.id] = 0
+        elif self._judged.get(made.id, _PARTS_APART) < _PARTS_APART:
+            self._judged[made.id] += 1
+            return None
+        return made
 
     def _heartbeat(self, message: Any) -> Optional[Message]:
         """Return the HEARTBEAT of a mavros_msgs/State; None while mavros is not connected to the vehicle."""

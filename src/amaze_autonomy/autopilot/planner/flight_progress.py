@@ -11,11 +11,11 @@ from typing import NamedTuple, Optional, Sequence, Tuple
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, VehicleLanded
 from amaze_autonomy.missions import FlightModel, Waypoint, distance_m, leg_s
 
-from ..vehicle.modes import LANDING_MODES, is_foreign
+from ..vehicle.modes import HOLD, LANDING_MODES, is_foreign
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin
 from .mission_upload import waypoint_index
-from .mission_vehicle import AIRBORNE, HOLD, MISSION, OFFBOARD, VehicleWatch
+from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, VehicleWatch
 
 _COUNT_NS = 2_500_000_000  # within which an autopilot tells again at which item of the mission it is
 _COUNT_BEATS = 3  # that must be heard meanwhile: a silent vehicle may still tell

@@ -14,13 +14,13 @@ from amaze_autonomy.missions import Place
 
 from ..link.dialect import Message, mavlink, source_of
 from ..vehicle.agreement import Agreement, Ground
-from ..vehicle.modes import Control, Heartbeat, is_piloted, mode_name, mode_number
+from ..vehicle.modes import LAND, Control, Heartbeat, is_foreign, is_piloted, mode_name, mode_number
 from ..vehicle.texts import Texts
 from .mission_upload import Dialect
 
 _S = 1_000_000_000
 AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
-HOLD, LAND, MISSION, OFFBOARD = "AUTO.LOITER", "AUTO.LAND", "AUTO.MISSION", "OFFBOARD"
+MISSION, OFFBOARD = "AUTO.MISSION", "OFFBOARD"
 
 _LANDED = {
     mavlink.MAV_LANDED_STATE_ON_GROUND: VehicleLanded.ON_GROUND,
@@ -72,7 +72,7 @@ class VehicleWatch:
         self.limits = limits or Limits()
         self.control, self.ground = Control(), Ground(self.limits.flight_end_confirm_ns)
         self._aloft, self._lifted, self._landing = Agreement(), Agreement(), Agreement()
-        self._piloted, self._in_land, self._off_setpoints = Agreement(), Agreement(), Agreement()
+        self._others, self._in_land, self._off_setpoints = Agreement(), Agreement(), Agreement()
         self.autopilot = int(mavlink.MAV_AUTOPILOT_PX4)
         self.target: Tuple[int, int] = (0, 0)
         self.heartbeat_ns: Optional[int] = None
@@ -100,9 +100,9 @@ class VehicleWatch:
         self.texts = Texts()
         self.results: Dict[int, str] = {}
 
-    def take(self, t_ns: int, message: Message) -> None:
-        """Take a message of the vehicle."""
-        self._heard_ns = t_ns
+    def take(self, t_ns: int, message: Message, *, heard: bool = True) -> None:
+        """Take a message of the vehicle; not heard: another one's answer in its place."""
+        self._heard_ns = t_ns if heard else self._heard_ns
         take = _TAKES.get(message.get_type())
         if take is not None:
             take(self, t_ns, message)
@@ -157,13 +157,16 @@ class VehicleWatch:
 
     @property
     def pilot(self) -> bool:
-        """True in a mode that pilots choose, unless a failsafe chose it."""
-        return is_piloted(self.mode) and not self.failsafe
+        """True in a mode that pilots choose or that is never ours, a return among them, unless a failsafe chose it."""
+        return is_foreign(self.mode) and not self.failsafe
 
     @property
-    def taken_over(self) -> bool:
-        """True while messages agree on that: at its first sign nothing is sent, and nothing ends."""
-        return self.pilot and self._piloted.lasts(self.limits.pilot_confirm_ns)
+    def others_fly(self) -> bool:
+        """True while messages agree that a pilot flies it, in whatever mode, or that a failsafe acts.
+
+        In a pilot's mode that a failsafe chose nobody may fly it: the planner does not hear of a transmitter.
+        """
+        return self._others.lasts(self.limits.pilot_confirm_ns)
 
     @property
     def in_land(self) -> bool:
@@ -214,7 +217,8 @@ class VehicleWatch:
 
     def _take_mode(self, t_ns: int, mode: str) -> None:
         self.mode, self.mode_ns = mode, t_ns
-        self._piloted.add(t_ns, so=is_piloted(mode))
+        acts = self.control.acts_alone and not is_piloted(mode)
+        self._others.add(t_ns, so=self.control.pilot or acts)
         self._in_land.add(t_ns, so=mode == LAND)
         self._off_setpoints.add(t_ns, so=mode != OFFBOARD)
 

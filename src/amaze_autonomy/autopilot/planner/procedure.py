@@ -15,9 +15,9 @@ from amaze_autonomy.missions import Controller, PlannerSpec
 
 from ..link.dialect import Message, mavlink
 from ..vehicle.agreement import Agreement
-from ..vehicle.modes import LANDING_MODES, is_foreign
+from ..vehicle.modes import HOLD, LAND, LANDING_MODES, is_foreign
 from .mission_upload import Dialect, beginning
-from .mission_vehicle import HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
+from .mission_vehicle import MISSION, OFFBOARD, VehicleWatch
 
 _SET_MODE, _ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 _START, _TAKE_OFF = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_TAKEOFF

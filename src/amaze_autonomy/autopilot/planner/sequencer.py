@@ -22,12 +22,12 @@ from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, Planne
 from ..link.dialect import Message
 from ..vehicle.agreement import GROUND_NS, Attention
 from ..vehicle.asked import Rates
-from ..vehicle.modes import LANDING_MODES, is_foreign
+from ..vehicle.modes import LAND, LANDING_MODES, is_foreign
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness
 from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase
-from .mission_vehicle import LAND, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
+from .mission_vehicle import OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
 from .procedure import Means, Procedure, Progress, steps_of
 
 PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
@@ -96,10 +96,10 @@ class Sequencer:
 
     # --- the link -------------------------------------------------------------------------------------------------
 
-    def receive(self, t_ns: int, message: Message) -> Iterable[Message]:
-        """Take a message of the vehicle."""
+    def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> Iterable[Message]:
+        """Take a message of the vehicle; not heard: another one's answer in its place."""
         self._look(t_ns)
-        self.watch.take(t_ns, message)
+        self.watch.take(t_ns, message, heard=heard)
         self._rates.heard(t_ns, message.get_type())
         if message.get_type() == "MISSION_CURRENT":
             self._look_at_total()
@@ -293,9 +293,9 @@ class Sequencer:
             self._means.stream_ns = t_ns
 
     def shutdown(self, t_ns: int) -> Tuple[bool, Sequence[Message]]:
-        """Land before the process ends, unless it is on the ground, or a pilot flies; return whether it lands."""
+        """Land before the process ends, unless it is on the ground, or somebody else flies; return whether it lands."""
         self._look(t_ns)
-        if self._phase not in IN_FLIGHT or self._is_down(t_ns) or (self.watch.armed and self.watch.taken_over):
+        if self._phase not in IN_FLIGHT or self._is_down(t_ns) or (self.watch.armed and self.watch.others_fly):
             return False, ()
         return True, self._land(t_ns, "the planner ends")
 

@@ -15,6 +15,7 @@ _PACK_MV = 6000  # no single cell has so much
 _FRESH_NS = 5_000_000_000
 _MOST_BATTERIES = 4
 
+OK, CHARGING = mavlink.MAV_BATTERY_CHARGE_STATE_OK, mavlink.MAV_BATTERY_CHARGE_STATE_CHARGING
 LOW = mavlink.MAV_BATTERY_CHARGE_STATE_LOW
 CRITICAL = mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL
 EMERGENCY = mavlink.MAV_BATTERY_CHARGE_STATE_EMERGENCY
@@ -23,13 +24,13 @@ UNHEALTHY = mavlink.MAV_BATTERY_CHARGE_STATE_UNHEALTHY
 _CRITICAL_STATES = frozenset((CRITICAL, EMERGENCY, FAILED, UNHEALTHY))
 STATE_NAMES: Mapping[int, str] = {
     0: "undefined",
-    1: "ok",
+    OK: "ok",
     LOW: "low",
     CRITICAL: "critical",
     EMERGENCY: "emergency",
     FAILED: "failed",
     UNHEALTHY: "unhealthy",
-    7: "charging",
+    CHARGING: "charging",
 }
 
 

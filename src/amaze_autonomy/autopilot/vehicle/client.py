@@ -20,7 +20,7 @@ from ...engine.events import Check
 from ..link.dialect import Message, mavlink, message_id
 from .agreement import GROUND_NS, Attention
 from .asked import Parameters, Rates
-from .modes import LAND, LANDING_MODES, mode_number
+from .modes import LAND, LANDING_MODES, is_piloted, mode_number
 from .preflight import Preflight, battery_state_row, channel_width_us, land_switch_rows, preflight_rows
 from .vehicle import WANTED, VehicleState
 
@@ -39,6 +39,19 @@ ASKED_FOR: Mapping[str, Tuple[float, str]] = {
 CLIENT_MESSAGES: Tuple[str, ...] = (*WANTED, "COMMAND_ACK", "PARAM_VALUE", "SYSTEM_TIME")
 
 Address = Callable[[], Tuple[int, int]]
+
+
+class _Other(NamedTuple):
+    """Somebody else who has control, in words: messages agree on it, or it is its first sign."""
+
+    agreed: str
+    first_sign: str
+
+
+_PILOT = _Other("the pilot has control, in {}", "the pilot seems to have control, in {}: landing if he has not")
+_FAILSAFE = _Other(
+    "the autopilot acts by its failsafe, in {}", "the autopilot seems to act by its failsafe, in {}: landing if not"
+)
 
 
 def switch_messages(settings: AutopilotSettings) -> Tuple[str, ...]:
@@ -117,13 +130,13 @@ class AutopilotClient:
 
     # --- the link's thread ----------------------------------------------------------------------------------------
 
-    def receive(self, t_ns: int, message: Message) -> List[Message]:
-        """Take a message of the vehicle."""
+    def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> List[Message]:
+        """Take a message of the vehicle; not heard: another one's answer in its place."""
         age_ns = self.vehicle.link_age_ns(t_ns)
         self._look(t_ns)
         name = message.get_type()
         self._rates.heard(t_ns, name)
-        self.vehicle.receive(t_ns, message)
+        self.vehicle.receive(t_ns, message, heard=heard)
         if name == "HEARTBEAT":
             settings = self.settings
             self._parameters.expect(settings.parameters if self._is_px4() else settings.ardupilot_parameters)
@@ -168,12 +181,12 @@ class AutopilotClient:
     # --- commands; through `Connection.ask` -----------------------------------------------------------------------
 
     def land(self, t_ns: int) -> Tuple[Reply, List[Message]]:
-        """Command the landing mode, unless there is no reason to or the pilot has control; his first sign is enough."""
-        return self._land(t_ns, piloted=self.vehicle.control.pilot)
+        """Command the landing mode, unless there is no reason to or, by a first sign, somebody else has control."""
+        return self._land(t_ns, agreed=False)
 
-    def _land(self, t_ns: int, *, piloted: bool) -> Tuple[Reply, List[Message]]:
+    def _land(self, t_ns: int, *, agreed: bool) -> Tuple[Reply, List[Message]]:
         self._look(t_ns)
-        refusal = self._no_landing(t_ns, piloted=piloted)
+        refusal = self._no_landing(t_ns, agreed=agreed)
         if refusal is not None:
             return refusal, []
         self.vehicle.control.command(LAND)
@@ -191,21 +204,42 @@ class AutopilotClient:
         return LAND if self._lands else "DISARM" if self.disarming.sending else ""
 
     def _look_at_the_landing(self) -> None:
-        """End a landing that stands: messages agree that the vehicle is down, or a pilot's."""
-        taken_over = self.vehicle.taken_over
-        if taken_over:
+        """End what stands: messages agree that the vehicle is down, or somebody else's."""
+        other = self._other(agreed=True)
+        if other is not None:
             self.landing.stop()
-        if taken_over or self.vehicle.is_down(self._t_ns):
+        if self._flies(agreed=True) is not None:
+            self.disarming.stop()
+        if other is not None or self.vehicle.is_down(self._t_ns):
             self._lands = False
+
+    def _other(self, *, agreed: bool) -> Optional[_Other]:
+        """Return who else has control: at a first sign nothing is sent over him, once agreed what stands is over."""
+        vehicle = self.vehicle
+        if vehicle.taken_over if agreed else vehicle.control.pilot:
+            return _PILOT
+        return _FAILSAFE if vehicle.acts_by_failsafe(self._t_ns, agreed=agreed) else None
+
+    def _flies(self, *, agreed: bool) -> Optional[_Other]:
+        """Return who flies by the sticks; the mode that PX4 chooses when it disarms is none of a pilot's."""
+        return self._other(agreed=agreed) if is_piloted(self._mode) else None
+
+    def _left_to(self, other: _Other) -> Reply:
+        return Reply(accepted=False, message=other.agreed.format(self._mode), final=True)
+
+    @property
+    def _mode(self) -> str:
+        beat = self.vehicle.beat
+        return "" if beat is None else beat.mode
 
     def land_reply(self) -> Reply:
         """Return how far the landing is."""
-        beat = self.vehicle.beat
-        if beat is not None and self.vehicle.taken_over:
-            return Reply(accepted=False, message=f"the pilot has control, in {beat.mode}", final=True)
-        if beat is not None and self.vehicle.control.pilot:
-            said = f"the pilot seems to have control, in {beat.mode}: landing if he has not"
-            return Reply(accepted=False, message=said, final=False)
+        other = self._other(agreed=True)
+        if other is not None:
+            return self._left_to(other)
+        other = self._other(agreed=False)
+        if other is not None:
+            return Reply(accepted=False, message=other.first_sign.format(self._mode), final=False)
         return _reply(self.landing, "the vehicle is in its landing mode", "landing")
 
     def disarm(self, t_ns: int) -> Tuple[Reply, List[Message]]:
@@ -216,6 +250,9 @@ class AutopilotClient:
             return Reply(accepted=False, message="no link to the vehicle", final=True), []
         if not beat.armed:
             return Reply(accepted=True, message="the vehicle is disarmed", final=True), []
+        other = self._flies(agreed=False)
+        if other is not None:
+            return self._left_to(other), []
         landed = self.vehicle.landed(t_ns)
         if landed is not VehicleLanded.ON_GROUND:
             return Reply(accepted=False, message=f"not on the ground: the vehicle says {landed.name}", final=True), []
@@ -231,17 +268,16 @@ class AutopilotClient:
 
     def disarm_reply(self) -> Reply:
         """Return how far the disarming is."""
+        other = self._flies(agreed=True)
+        if other is not None:
+            return self._left_to(other)
         return _reply(self.disarming, "the vehicle is disarmed", "disarming")
 
     def leave(self, t_ns: int) -> Tuple[Reply, List[Message]]:
-        """Command the landing mode because this node ends; the autopilot's own failsafe is left alone."""
-        vehicle = self.vehicle
-        if not vehicle.in_flight(t_ns):
+        """Command the landing mode because this node ends, unless messages agree that somebody else has control."""
+        if not self.vehicle.in_flight(t_ns):
             return Reply(accepted=True, message="the vehicle is not in flight", final=True), []
-        mode = vehicle.beat.mode if vehicle.beat is not None else ""
-        if vehicle.acts_by_failsafe and (mode.startswith("AUTO.") or vehicle.system.rc(t_ns)):
-            return Reply(accepted=False, message=f"the autopilot acts by its failsafe, in {mode}", final=True), []
-        reply, messages = self._land(t_ns, piloted=vehicle.taken_over)  # nobody asks again
+        reply, messages = self._land(t_ns, agreed=True)  # nobody asks again
         # a vehicle that is not heard may hear: sent on for as long as the node stays
         return reply._replace(final=reply.final and self.landing.progress is not Progress.SENT), messages
 
@@ -276,19 +312,20 @@ class AutopilotClient:
     def _ready(self, t_ns: int) -> bool:
         return bool(self.vehicle.system.prearm(t_ns))
 
-    def _no_landing(self, t_ns: int, *, piloted: bool) -> Optional[Reply]:
-        vehicle = self.vehicle
+    def _no_landing(self, t_ns: int, *, agreed: bool) -> Optional[Reply]:
+        vehicle, other = self.vehicle, self._other(agreed=agreed)
         if vehicle.beat is None:
             return Reply(accepted=False, message="no link to the vehicle", final=True)
-        if piloted:
-            return Reply(accepted=False, message=f"the pilot has control, in {vehicle.beat.mode}", final=True)
+        if other is not None:
+            return self._left_to(other)
         if vehicle.is_down(t_ns) and vehicle.connected(t_ns):
             return Reply(accepted=True, message="the vehicle is on the ground and disarmed", final=True)
         return None
 
     def _land_message(self) -> Optional[Message]:
         beat, control, sent_ns = self.vehicle.beat, self.vehicle.control, self.landing.sent_ns
-        if beat is None or control.pilot or not self._attention.lands(self._t_ns, control.mode_ns):
+        theirs = self._other(agreed=False) is not None
+        if beat is None or theirs or not self._attention.lands(self._t_ns, control.mode_ns):
             return None
         if beat.mode in LANDING_MODES and sent_ns is not None and control.mode_ns > sent_ns:
             return None  # one message shows it; others will agree, or a pilot chooses another mode meanwhile
@@ -302,7 +339,7 @@ class AutopilotClient:
     def _disarm_message(self) -> Optional[Message]:
         age_ns = self.vehicle.landed_age_ns(self._t_ns)
         fresh = age_ns <= GROUND_NS and self._t_ns - age_ns >= self._attention.awake_ns
-        if not fresh or not self.vehicle.ground.stands(self._t_ns, GROUND_NS):
+        if not fresh or not self.vehicle.ground.stands(self._t_ns, GROUND_NS) or self._flies(agreed=False) is not None:
             return None
         return command_long(*self._address(), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
 

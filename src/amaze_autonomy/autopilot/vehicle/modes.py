@@ -14,7 +14,7 @@ from ..link.dialect import Message, mavlink
 # --- modes ------------------------------------------------------------------------------------------------------------
 
 
-LAND = "AUTO.LAND"
+LAND, HOLD = "AUTO.LAND", "AUTO.LOITER"
 LANDING_MODES: FrozenSet[str] = frozenset({LAND, "AUTO.PRECLAND"})
 
 _MAIN: Mapping[int, str] = {
@@ -175,6 +175,11 @@ def autopilot_of(name: str) -> Optional[int]:
 # is the pilot's; so is any mode after ours was confirmed, by two messages in a row, and left again. Disarmed, the mode
 # shows what the user intended last and says nothing about control.
 #
+# The flag alone takes the vehicle from nobody: at a low battery of which nothing is made it stays in our mode, CRITICAL
+# as an ArduPilot, and as a PX4 of a version to which a warning is a failsafe, too. A failsafe acts alone when the mode
+# has left ours. A hold is ours or its own (PX4 holds before it returns): ours where the vehicle held, or flew on with
+# the flag up, before that.
+#
 # The mode is in each HEARTBEAT (PX4: 1 Hz, whatever it is asked) and in CURRENT_MODE, which shows a change within 0.12
 # s.
 
@@ -183,6 +188,7 @@ _FAILSAFE: FrozenSet[int] = frozenset(
     {mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY, mavlink.MAV_STATE_FLIGHT_TERMINATION}
 )
 _CHOSEN_BY_FAILSAFES: FrozenSet[str] = frozenset({"AUTO.LAND", "AUTO.RTL", "AUTO.LOITER", "ALTCTL"})  # of ArduPilot
+_NO_FAILSAFE_S: FrozenSet[str] = frozenset({"AUTO.MISSION", "AUTO.TAKEOFF", "OFFBOARD"})  # none chooses these
 _IN_A_ROW = 2  # one wrong message confirms nothing
 _SAME: Mapping[str, Tuple[str, ...]] = {"AUTO.LAND": ("AUTO.PRECLAND",)}
 
@@ -215,16 +221,23 @@ class Control:
         self._shown = 0  # messages in a row that show what was commanded
         self._confirmed = False
         self._before: Optional[str] = None
+        self._hold_is_ours = False  # one that shows under the flag
+        self._flown = False  # armed since it was commanded: a mode to arm in is commanded before
 
     def add(self, beat: Heartbeat) -> None:
-        """Take a heartbeat; of two in a row that say so it is disarmed, and what was commanded is over."""
+        """Take a heartbeat; of two in a row that say so it is disarmed again, and what was commanded is over."""
         over = not beat.armed and (self.beat is None or not self.beat.armed)
         self.beat, self.mode_ns = beat, beat.t_ns
-        if over:
+        if over and self._flown:
             self._commanded, self._confirmed = None, False
+        self._flown = self._flown or beat.armed
         self._confirm(beat)
         if beat.status not in _FAILSAFE:
-            self._before = beat.mode
+            self._before, self._hold_is_ours = beat.mode, beat.mode == HOLD
+        elif beat.mode in _NO_FAILSAFE_S:
+            self._hold_is_ours = True
+        elif is_foreign(beat.mode):
+            self._hold_is_ours = False
 
     def add_mode(self, t_ns: int, custom_mode: int) -> bool:
         """Take the mode of a CURRENT_MODE, after the first heartbeat; return whether it is another one."""
@@ -247,6 +260,7 @@ class Control:
         """Note that we commanded a mode; the same again changes nothing."""
         if mode != self._commanded:
             self._commanded, self._confirmed, self._shown = mode, False, 0
+            self._flown = self.beat is not None and self.beat.armed
 
     @property
     def failsafe(self) -> bool:
@@ -257,6 +271,19 @@ class Control:
         if beat.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or beat.status != mavlink.MAV_STATE_CRITICAL:
             return True
         return beat.mode in _CHOSEN_BY_FAILSAFES and beat.mode not in (self._before, self._commanded)
+
+    @property
+    def acts_alone(self) -> bool:
+        """Whether a failsafe has taken the vehicle out of our modes; it may have chosen a pilot's, and he may fly it.
+
+        A failsafe that lands it does what we would.
+        """
+        beat = self.beat
+        if beat is None or not self.failsafe:
+            return False
+        if beat.mode == HOLD:
+            return not self._hold_is_ours and not self._is_commanded(HOLD)
+        return is_foreign(beat.mode)
 
     @property
     def pilot(self) -> bool:

@@ -15,12 +15,11 @@ from amaze_autonomy.monitoring.land_switch import LandSwitchMonitor
 from ...engine.events import Check, Verdict
 from ..link.dialect import mavlink
 from .asked import ParameterState
-from .battery import LOW, STATE_NAMES
+from .battery import CHARGING, LOW, OK, STATE_NAMES
 from .vehicle import VehicleState
 
 _S = 1_000_000_000
 _COMPLAINTS_NS = 60 * _S
-_CHARGING = 7
 _LONGEST_ADVICE = 300
 _MOST_CHANNELS, _NO_PULSE = 18, (0, 65535)
 _NO_FLAGS = (
@@ -28,6 +27,7 @@ _NO_FLAGS = (
     "beside mavros' namespace has it (docs/autopilot.md)"
 )
 _NOBODYS = "mavros names a mode that neither PX4 nor ArduPilot has, so nobody knows how to land it: choose another mode"
+_NOT_JUDGED = "the autopilot does not judge its battery: its level and voltage alone count"
 _OTHER_NAMES = "this ArduPilot knows none of ardupilot_parameters in autopilot.yaml (docs/autopilot.md)"
 
 
@@ -210,12 +210,18 @@ def land_switch_rows(known: Preflight, switch: LandSwitchMonitor) -> Tuple[Check
 
 
 def battery_state_row(known: Preflight) -> Check:
-    """Return the row of the charge state: the autopilot's own judgement, which knows the voltage."""
+    """Return the row of the charge state: the autopilot's own judgement, which knows the voltage.
+
+    One that it does not give is a warning: not every PX4 gives it, and mavros has no topic with it.
+    """
     reading = known.vehicle.battery.reading(known.t_ns)
     state = 0 if reading is None else reading.charge_state
-    good = not LOW <= state < _CHARGING
-    said = STATE_NAMES.get(state, str(state))
-    return _row(known, "battery state", f"the autopilot says {said}: change or charge the battery", good=good)
+    if state in (OK, CHARGING):
+        return _row(known, "battery state", "", good=True)
+    if not LOW <= state < CHARGING:
+        return _row(known, "battery state", _NOT_JUDGED, good=False, needed=False)
+    advice = f"the autopilot says {STATE_NAMES[state]}: change or charge the battery"
+    return _row(known, "battery state", advice, good=False)
 
 
 def channel_width_us(message: Any, number: int) -> Optional[float]:

@@ -18,7 +18,7 @@ from amaze_autonomy.monitoring.gravity import LastingTilt, tilt_of_rpy
 from ..link.dialect import Message, mavlink
 from .agreement import Agreement, Ground
 from .battery import Battery
-from .modes import LANDING_MODES, Control, Heartbeat, mode_name
+from .modes import LANDING_MODES, Control, Heartbeat, is_piloted, mode_name
 from .position import Position
 from .texts import Texts
 
@@ -90,7 +90,7 @@ class VehicleState:
     def __init__(self, settings: AutopilotSettings, cells: int = 0, limits: Optional[Limits] = None) -> None:
         self._settings, self._engine = settings, limits or Limits()
         self.ground = Ground(self._engine.flight_end_confirm_ns)
-        self._piloted, self._failsafe, self._in_landing_mode = Agreement(), Agreement(), Agreement()
+        self._piloted, self._alone, self._in_landing_mode = Agreement(), Agreement(), Agreement()
         self.control, self.texts, self.offset = Control(), Texts(), ClockOffset()
         self.battery = Battery(_caps(settings), cells)
         self.system = SystemStatus(settings.limits.system_age_limit_ns)
@@ -105,9 +105,9 @@ class VehicleState:
         self._boot_ms: Optional[int] = None
         self._takers = {name: attrgetter(taken.by)(self) for name, taken in _TAKERS.items()}
 
-    def receive(self, t_ns: int, message: Message) -> None:
-        """Take a message; of others than `WANTED` only that they came is noted."""
-        self._heard_ns = t_ns
+    def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> None:
+        """Take a message; of others than `WANTED` only that they came is noted, where the vehicle itself said them."""
+        self._heard_ns = t_ns if heard else self._heard_ns
         taker = self._takers.get(message.get_type())
         if taker is not None:
             taker(t_ns, message)
@@ -170,10 +170,28 @@ class VehicleState:
         """Whether messages agree that the pilot has control; at its first sign (`control.pilot`) nothing is sent."""
         return self.control.pilot and self._piloted.lasts(self._engine.pilot_confirm_ns)
 
-    @property
-    def acts_by_failsafe(self) -> bool:
-        """Whether messages agree that the autopilot acts by a failsafe of its own."""
-        return self.control.failsafe and self._failsafe.lasts(self._engine.pilot_confirm_ns)
+    def acts_by_failsafe(self, t_ns: int, *, agreed: bool) -> bool:
+        """Return whether a failsafe has taken the vehicle out of our modes, and it is to be left alone.
+
+        In a pilot's mode that is so where a transmitter is heard: without one nobody flies it. Whether one is, is
+        unknown after a cut until SYS_STATUS comes: for so long as that counts nothing is sent, and nothing ends. Of a
+        silent vehicle the last that was heard counts.
+
+        Args:
+            t_ns: now.
+            agreed: messages must agree on it; else its first sign is enough.
+        """
+        control, since_ns = self.control, self._alone.since_ns
+        if control.beat is None or not control.acts_alone or since_ns is None:
+            return False
+        if agreed and not self._alone.lasts(self._engine.pilot_confirm_ns):
+            return False
+        if not is_piloted(control.beat.mode):
+            return True
+        heard_ns = min(t_ns, self._heard_ns or t_ns)
+        if self.system.fresh(heard_ns):
+            return bool(self.system.rc(heard_ns))
+        return not agreed and heard_ns - since_ns < self._settings.limits.system_age_limit_ns
 
     @property
     def in_landing_mode(self) -> bool:
@@ -241,7 +259,7 @@ class VehicleState:
 
     def _agree(self, t_ns: int, mode: str) -> None:
         self._piloted.add(t_ns, so=self.control.pilot)
-        self._failsafe.add(t_ns, so=self.control.failsafe)
+        self._alone.add(t_ns, so=self.control.acts_alone)
         self._in_landing_mode.add(t_ns, so=mode in LANDING_MODES)
 
     def _event(self, t_ns: int, message: Any) -> None:

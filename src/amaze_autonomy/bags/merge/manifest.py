@@ -92,12 +92,13 @@ def manifest_path(bag: Path) -> Path:
 
 def merge_manifest(merged: Merged, inputs: Sequence[Path], options: MergeOptions) -> Dict[str, Any]:
     """Return the manifest of a bag that was merged and not verified yet; reads indexes only."""
-    offsets = options.offsets_ns or (0,) * len(inputs)
+    offsets, origins = options.offsets_ns or (0,) * len(inputs), options.origins_of(len(inputs))
     return {
         "manifest": 1,
         "output": _indexed(merged.path, merged.path.parent),
         "inputs": [
-            {**_indexed(path, merged.path.parent), "offset_ns": offset} for path, offset in zip(inputs, offsets)
+            {**_indexed(path, merged.path.parent), "offset_ns": offset, "origin": origin}
+            for path, offset, origin in zip(inputs, offsets, origins)
         ],
         "duplicates": {"what": options.duplicates, "window_ns": options.window_ns, "topics": _rows(merged.duplicates)},
         "compression": options.compression,

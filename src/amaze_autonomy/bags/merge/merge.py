@@ -40,8 +40,8 @@ class Unified(NamedTuple):
     Args:
         connections: by number.
         targets: for each input, an array from its numbers to ours.
-        comparable: numbers that several inputs have on the same topic; the same value for those whose messages may be
-            the same ones.
+        comparable: numbers that inputs of several origins have on the same topic; the same value for those whose
+            messages may be the same ones.
         warnings: topics with more than one definition.
     """
 
@@ -51,14 +51,14 @@ class Unified(NamedTuple):
     warnings: Tuple[str, ...]
 
 
-def unify(inputs: Sequence[Index], *, publishers_apart: bool) -> Unified:
+def unify(inputs: Sequence[Index], origins: Sequence[int], *, publishers_apart: bool) -> Unified:
     """Give the same number to connections that are the same; keep the numbers of the first input."""
     numbers: Dict[Identity, int] = {}
     connections: Dict[int, Connection] = {}
     targets = []
     free = 0
     sources: Dict[int, Set[int]] = {}
-    for place, index in enumerate(inputs):
+    for origin, index in zip(origins, inputs):
         target: Any = np.zeros(max(index.connections, default=0) + 1, np.int64)
         for number, connection in sorted(index.connections.items()):
             identity = connection.identity(publishers_apart=publishers_apart)
@@ -67,7 +67,7 @@ def unify(inputs: Sequence[Index], *, publishers_apart: bool) -> Unified:
                 free = max(free, numbers[identity] + 1)
                 connections[numbers[identity]] = connection._replace(number=numbers[identity])
             target[number] = numbers[identity]
-            sources.setdefault(numbers[identity], set()).add(place)
+            sources.setdefault(numbers[identity], set()).add(origin)
         targets.append(target)
     return Unified(connections, targets, _comparable(connections, sources), _warnings(connections))
 
@@ -266,7 +266,9 @@ class MergeOptions(NamedTuple):
     Args:
         compression: none, lz4, bz2, or auto: what can be copied as it is stays so, the rest is not compressed.
         offsets_ns: added to the record times of each input; empty for none.
-        duplicates: count, drop, or ignore: what is done about messages that several inputs have.
+        duplicates: count, drop, or ignore: what is done about messages that inputs of several origins have.
+        origins: where each input was recorded; empty: each elsewhere. What lies in several inputs of one origin, as in
+            successive files of one recorder, was published as often.
         window_ns: how far apart the record times of one message may be, offsets applied.
         publishers_apart: whether publishers of one topic keep their own connections, as in a recording.
         replace: whether an existing output may be replaced.
@@ -277,11 +279,16 @@ class MergeOptions(NamedTuple):
     compression: str = "auto"
     offsets_ns: Tuple[int, ...] = ()
     duplicates: str = "count"
+    origins: Tuple[int, ...] = ()
     window_ns: int = SECOND
     publishers_apart: bool = True
     replace: bool = False
     memory: int = MEMORY
     selection: Optional[Selection] = None
+
+    def origins_of(self, count: int) -> Tuple[int, ...]:
+        """Return where each of so many inputs was recorded."""
+        return self.origins or tuple(range(count))
 
 
 class Merged(NamedTuple):
@@ -324,10 +331,10 @@ def merge(
     options = options or MergeOptions()
     with ExitStack() as stack:
         indexes = [stack.enter_context(Index(path, options.memory)) for path in inputs]
-        offsets = options.offsets_ns or (0,) * len(indexes)
+        offsets, origins = options.offsets_ns or (0,) * len(indexes), options.origins_of(len(indexes))
         _check(indexes, offsets, output)
         if options.selection is None:
-            unified = unify(indexes, publishers_apart=options.publishers_apart)
+            unified = unify(indexes, origins, publishers_apart=options.publishers_apart)
         else:
             unified = _used(indexes[0], options.selection)
         sources = _sources(indexes, offsets, unified, options)
@@ -342,6 +349,7 @@ def merge(
             compression,
             options.duplicates,
             options.window_ns,
+            origins,
         )
         stack.callback(writing.stop)
         _run(sources, writing, stack.enter_context(Pool()), progress)

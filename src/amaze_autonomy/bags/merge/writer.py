@@ -1,9 +1,9 @@
 """The writing half of a merge: messages in order of time become chunks of the output.
 
-Two messages are the same one when they come from different inputs, on the same connection but for its publisher if one
-of the inputs does not know it, have the same bytes, and were recorded within a window of time. Each message is the
-partner of one other at most in each input, so that a publisher that repeats itself keeps as many messages as the
-recording with the most of them.
+Two messages are the same one when they come from inputs of different origins, on the same connection but for its
+publisher if one of the inputs does not know it, have the same bytes, and were recorded within a window of time. Each
+message is the partner of one other at most of each origin, so that a publisher that repeats itself keeps as many
+messages as the recording with the most of them. The files of one recorder have one origin: it wrote each message once.
 """
 
 from __future__ import annotations
@@ -241,14 +241,14 @@ _Key = Tuple[int, int, int, bytes]
 
 class _Seen(NamedTuple):
     t_ns: int
-    sources: Set[int]
+    origins: Set[int]
 
 
 class Duplicates:
-    """Finds messages that were seen before in another input; they come in order of time.
+    """Finds messages that were seen before in an input of another origin; they come in order of time.
 
     Args:
-        shared: connections of the output that come from several inputs; the same number for those that are to be
+        shared: connections of the output that come from several origins; the same number for those that are to be
             compared with each other.
         window_ns: how far apart in time two records of one message are.
     """
@@ -263,16 +263,16 @@ class Duplicates:
         """Return the places of messages that could be duplicates."""
         return np.flatnonzero(np.isin(connection, self._compared)) if len(self._compared) else np.zeros(0, np.int64)
 
-    def known(self, t_ns: int, connection: int, source: int, payload: Any) -> bool:
-        """Return whether a message was seen before in another input; remember it. Times ascend."""
+    def known(self, t_ns: int, connection: int, origin: int, payload: Any) -> bool:
+        """Return whether a message was seen before, recorded elsewhere; remember it. Times ascend."""
         self._forget(t_ns - self._window_ns)
         key = (self._shared[connection], len(payload), zlib.crc32(payload), bytes(payload[:16]))
         seen = self._seen.setdefault(key, deque())
         for each in seen:
-            if source not in each.sources:
-                each.sources.add(source)
+            if origin not in each.origins:
+                each.origins.add(origin)
                 return True
-        seen.append(_Seen(t_ns, {source}))
+        seen.append(_Seen(t_ns, {origin}))
         self._order.append((t_ns, key))
         return False
 
@@ -305,6 +305,7 @@ class Writing:
         compression: of its chunks.
         duplicates: count, drop or ignore.
         window_ns: in which duplicates lie.
+        origins: where each input was recorded.
     """
 
     def __init__(
@@ -316,8 +317,9 @@ class Writing:
         compression: str,
         duplicates: str,
         window_ns: int,
+        origins: Sequence[int],
     ) -> None:
-        self._out, self._inputs = out, inputs
+        self._out, self._inputs, self._origins = out, inputs, origins
         self._connections, self._compression = connections, compression
         self._drop = duplicates == "drop"
         self._finder = None
@@ -442,7 +444,7 @@ class Writing:
         return rows.where(keep)
 
     def _duplicates_in(self, rows: Rows) -> List[int]:
-        finder, buffers = self._finder, self._pending.buffers
+        finder, buffers, origins = self._finder, self._pending.buffers, self._origins
         if finder is None:
             return []
         candidates = finder.candidates(rows.connection)
@@ -451,7 +453,7 @@ class Writing:
         return [
             place
             for place, t_ns, connection, _, payload, end, block, source, *_ in zip(*columns)
-            if finder.known(t_ns, connection, source, memoryview(buffers[block])[payload:end])
+            if finder.known(t_ns, connection, origins[source], memoryview(buffers[block])[payload:end])
         ]
 
 

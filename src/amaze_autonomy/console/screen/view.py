@@ -161,7 +161,7 @@ def footer(desk: Desk, now_s: float, width: int, style: Style) -> RenderableType
         yes = "Y or Enter = yes" if desk.question.enter_is_yes else "Y = yes"
         parts.append(style.text(f"{desk.question.text}  {yes}, any other key = no", Tone.WARN))
     elif desk.interactive:
-        parts.append(_keys(desk, style))
+        parts.append(_keys(desk, now_s, style))
     return Group(style.text(style.rule * width), Padding(Group(*parts), (0, 1)))
 
 
@@ -182,15 +182,16 @@ def _said(desk: Desk, now_s: float, style: Style) -> List[RenderableType]:
     return parts
 
 
-def _keys(desk: Desk, style: Style) -> Text:
-    keys = Text(overflow="fold")
+def _keys(desk: Desk, now_s: float, style: Style) -> Text:
+    keys, heard = Text(overflow="fold"), desk.heard(now_s)
     if desk.snapshot is not None and desk.snapshot.takes_mission:
-        keys.append(f"mission id, then Enter (several: 1 2 3): {desk.entry}{style.cursor}  ", style.band(Tone.STRONG))
-        for binding in offered(desk.snapshot):
+        what = "mission id, then Enter (several: 1 2 3)" if heard else "no contact: key, then Enter"
+        keys.append(f"{what}: {desk.entry}{style.cursor}  ", style.band(Tone.STRONG))
+        for binding in offered(desk.snapshot, heard=heard):
             keys.append_text(style.label(f"{binding.key.upper()} Enter", Tone.INFO)).append(f" {binding.words}  ")
         keys.append_text(style.label("Ctrl-C", Tone.INFO)).append(" close console only")
         return keys
-    for binding in offered(desk.snapshot):
+    for binding in offered(desk.snapshot, heard=heard):
         keys.append_text(style.label(binding.key.upper(), Tone.INFO)).append(f" {binding.words}   ")
     keys.append_text(style.label(QUIT_KEY.upper(), Tone.INFO)).append(" close console only")
     return keys

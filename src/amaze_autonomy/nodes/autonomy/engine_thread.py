@@ -18,13 +18,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from operator import attrgetter
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple, Union
 
 from amaze_autonomy.engine.commands import Answer, AutopilotLand, Command, MissionAction, MissionCommand, Request
 from amaze_autonomy.engine.events import (
     ClockStatus,
     Event,
     InvalidEventError,
+    MissionRejected,
+    MissionSelected,
     Outcome,
     Tick,
     UserCommand,
@@ -238,6 +240,9 @@ def _urgent(event: Event) -> bool:
 Decide = Callable[[EngineState, Event, Rules], Tuple[EngineState, Tuple[Command, ...]]]
 NextDeadline = Callable[[EngineState, Rules], Optional[int]]
 Record = Callable[[Event, EngineState, Tuple[Command, ...]], None]
+UserEvent = Union[UserRequest, MissionSelected, MissionRejected]
+"""What a user asks, who may wait for the answer."""
+TakeUp = Callable[[UserEvent], bool]
 
 _LONGEST_SLEEP_S = 3600.0
 _AFTER_DEFECT_S = 0.01
@@ -262,6 +267,8 @@ class EngineThread:
         record: takes (event, state after it, commands) to write and publish; must not wait.
         state: to start from.
         keep: waits, not for long, until what was recorded is written; called before a takeoff goes out.
+        take_up: tells whether what a user asks is still to be decided about, just before it is; must not wait. What is
+            not is not recorded either: a replay decides about the same.
 
     `turns` counts how often it has waited for what comes.
     """
@@ -278,8 +285,9 @@ class EngineThread:
         record: Record,
         state: Optional[EngineState] = None,
         keep: Callable[[], None] = lambda: None,
+        take_up: TakeUp = lambda _: True,
     ) -> None:
-        self._keep = keep
+        self._keep, self._take_up = keep, take_up
         self._decide, self._next_deadline, self._rules, self._clock = decide, next_deadline, rules, clock
         self._send, self._answer, self._record = send, answer, record
         self._inbox = inbox
@@ -329,7 +337,8 @@ class EngineThread:
     def _turn(self, limit_s: float) -> None:
         self.turns += 1
         for event in self._read(limit_s):
-            self._step(event)
+            if self._is_wanted(event):
+                self._step(event)
 
     def _read(self, limit_s: float) -> Sequence[Event]:
         """Wait for what comes; survive a defect of the reading, which ends as silence."""
@@ -339,6 +348,14 @@ class EngineThread:
             report(_log, "the engine could not read what has come")
             time.sleep(_AFTER_DEFECT_S)
             return ()
+
+    def _is_wanted(self, event: Event) -> bool:
+        """Tell whether an event is to be decided about; where that cannot be told, it is."""
+        try:
+            return not isinstance(event, (UserRequest, MissionSelected, MissionRejected)) or self._take_up(event)
+        except Exception as error:
+            self._say_once("take up", event, error)
+            return True
 
     def _sleep_s(self) -> float:
         """Return the time until something is due; 0: it is."""

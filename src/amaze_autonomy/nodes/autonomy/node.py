@@ -146,6 +146,7 @@ class AutonomyNode:
             self._record,
             state,
             self._outbox.wait,
+            self._desk.take_up,
         )
         self._clocks = PeerClocks(configuration.rules.limits)
         self._diagnostics = Diagnostics(

@@ -1,9 +1,16 @@
-"""The user's services: list and select missions, the commands of `UserCommand`. Each waits for the engine's answer."""
+"""The user's services: list and select missions, the commands of `UserCommand`. Each waits for the engine's answer.
+
+A call that is not answered in time fails, and its words say what becomes of it. What nobody waits for any more is not
+decided about, when the engine's thread comes to it: a vehicle that takes off long after its user was told that it does
+not would surprise him. What stops the vehicle or brings it down is never too late.
+"""
 
 from __future__ import annotations
 
 import itertools
 import threading
+from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
@@ -17,16 +24,20 @@ from amaze_autonomy.engine.events import Event, MissionRejected, MissionSelected
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State
 
+from ...console.keys import SAFE
 from ...engine.context import Context
 from ...engine.decide import available
 from ...engine.events import Mission
 from ...ros.interface import number
+from .engine_thread import UserEvent
 
 _ANSWER_LIMIT_S = 3.0
+_LATE = "the engine did not answer in time; the command {what}"
+_MAYBE, _NEVER = "may still be carried out", "is not carried out"
 _COMMANDS: Mapping[str, UserCommand] = {command.value: command for command in UserCommand}
 
 
-def choose(missions: Sequence[Mission], ids: Sequence[str], t_ns: int, request_id: int = 0) -> Event:
+def choose(missions: Sequence[Mission], ids: Sequence[str], t_ns: int, request_id: int = 0) -> UserEvent:
     """Return the event of a user who names missions by their ids."""
     known = {mission.id: mission for mission in missions}
     for mission_id in ids:
@@ -36,6 +47,18 @@ def choose(missions: Sequence[Mission], ids: Sequence[str], t_ns: int, request_i
     if not ids:
         return MissionRejected(t_ns=t_ns, mission_id="", error="no mission was named", request_id=request_id)
     return MissionSelected(t_ns=t_ns, missions=tuple(known[each] for each in ids), request_id=request_id)
+
+
+@dataclass
+class _Asked:
+    """A request that a user waits for: its answer, and whether the engine has begun to decide about it."""
+
+    answer: SimpleQueue[Answer] = field(default_factory=SimpleQueue)
+    taken_up: bool = False
+
+
+def _is_safe(event: UserEvent) -> bool:
+    return isinstance(event, UserRequest) and event.command in SAFE
 
 
 class UserDesk:
@@ -57,8 +80,8 @@ class UserDesk:
     ) -> None:
         self._missions, self._put, self._now_ns, self._least_battery = missions, put, now_ns, least_battery
         self._ids = itertools.count(1)
-        self._lock = threading.Lock()
-        self._waiting: Dict[int, SimpleQueue[Answer]] = {}
+        self._lock = threading.Lock()  # held for a few steps and no wait: the engine's thread takes it, too
+        self._waiting: Dict[int, _Asked] = {}
         self._services: List[Any] = []
 
     def open(self) -> None:
@@ -74,9 +97,19 @@ class UserDesk:
     def answer(self, answer: Answer) -> None:
         """Hand an answer to the user who waits for it."""
         with self._lock:
-            slot = self._waiting.get(answer.request_id)
-        if slot is not None:
-            slot.put(answer)
+            asked = self._waiting.get(answer.request_id)
+            if asked is not None:
+                asked.answer.put(answer)
+
+    def take_up(self, event: UserEvent) -> bool:
+        """Tell whether what a user asks is still to be decided about; the engine's thread asks, just before it does."""
+        if not event.request_id:
+            return True  # a parameter's mission, a switch, who stands in for a user: nobody waits for an answer
+        with self._lock:
+            asked = self._waiting.get(event.request_id)
+            if asked is not None:
+                asked.taken_up = True
+        return asked is not None or _is_safe(event)
 
     def _named(self, request: Any) -> Any:
         """Carry out the command that is named."""
@@ -100,19 +133,29 @@ class UserDesk:
         answer = self._ask(lambda request_id: choose(self._missions, ids, self._now_ns(), request_id))
         return srv.SelectMissionResponse(accepted=answer.answer is AnswerKind.DONE, message=answer.message)
 
-    def _ask(self, event: Callable[[int], Event]) -> Answer:
-        slot: SimpleQueue[Answer] = SimpleQueue()
+    def _ask(self, make: Callable[[int], UserEvent]) -> Answer:
+        """Put a request and wait for its answer.
+
+        Raises:
+            rospy.ServiceException: There is none in time; it says what becomes of the request.
+        """
+        asked = _Asked()
         with self._lock:
             request_id = next(self._ids)
-            self._waiting[request_id] = slot
+            self._waiting[request_id] = asked
         try:
-            self._put(event(request_id))
-            return slot.get(timeout=_ANSWER_LIMIT_S)
-        except Empty:
-            return Answer(request_id=request_id, answer=AnswerKind.REFUSED, message="the engine did not answer")
+            event = make(request_id)
+            self._put(event)
+            with suppress(Empty):
+                return asked.answer.get(timeout=_ANSWER_LIMIT_S)
         finally:
             with self._lock:
                 del self._waiting[request_id]
+        if not asked.answer.empty():  # it came with the limit
+            return asked.answer.get()
+        words = _LATE.format(what=_MAYBE if asked.taken_up or _is_safe(event) else _NEVER)
+        rospy.logwarn("%s: %s", event.command.value if isinstance(event, UserRequest) else "select_mission", words)
+        raise rospy.ServiceException(words)
 
     def _list(self) -> Any:
         return srv.ListMissionsResponse(missions=[_info(mission, self._least_battery) for mission in self._missions])

@@ -168,6 +168,7 @@ class RecorderCollector:
             asked.Ask: self._ask,
             asked.MeasureClock: self._measure_clock,
             asked.Transfer: self._transfer,
+            asked.StopTransfer: lambda it: share.jobs.stop_fetch(self._folder() / it.platform),
             asked.Collect: self._collect,
             asked.CopyJournal: self._copy_journal,
         }
@@ -291,15 +292,18 @@ class RecorderCollector:
 
         def progress(fraction: float) -> None:
             with share.lock:
-                machine.transfer_progress(command.platform, fraction)
+                machine.transfer_progress(share.now_ns(), command.platform, command.number, fraction)
 
         def fetch() -> None:
             transfer = self._collection.transfers[command.platform]
-            problem = share.jobs.fetch(transfer, command.location, folder, progress)
+            try:
+                problem = share.jobs.fetch(transfer, command.location, folder, progress)
+            except Exception as error:  # whatever it is: it has ended, and somebody waits for that
+                problem = f"it could not be fetched ({type(error).__name__}: {error})"
             if problem:
                 rospy.logwarn("the part of %s: %s", command.platform, problem)
             with share.lock:
-                machine.transfer_ended(share.now_ns(), command.platform, problem)
+                machine.transfer_ended(share.now_ns(), command.platform, command.number, problem)
             share.wake.set()
 
         share.workers.submit(fetch)

@@ -15,6 +15,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
 
 import roslib.packages
@@ -35,7 +36,7 @@ from amaze_autonomy.recording.programs import (
     transfer_command,
 )
 from amaze_autonomy.recording.status import GroupStatus, ProcessStatus
-from amaze_autonomy.recording.storage import PARTS, read_json
+from amaze_autonomy.recording.storage import PARTS, read_parts
 from amaze_autonomy.ros.clock import MonotonicClock, Periodic
 from amaze_autonomy.ros.liveness import LocalProcess
 from amaze_autonomy.whole_file import sync_folder
@@ -337,12 +338,22 @@ Progress = Callable[[Mapping[str, Any]], None]
 Ended = Callable[[Mapping[str, Any]], None]
 
 
+class _Fetch:
+    """One fetch of a part: how, from where to where, its process, and whether it was given up."""
+
+    def __init__(self, transfer: Transfer, location: str, target: Path, progress: Callable[[float], None]) -> None:
+        self.transfer, self.location, self.target, self.progress = transfer, location, target, progress
+        self.process: Optional[subprocess.Popen[Any]] = None
+        self.over = False
+
+
 class RecorderJobs:
     """Starts them, each with a thread of its own that waits for it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._processes: Set[subprocess.Popen[Any]] = set()
+        self._fetches: Dict[Path, _Fetch] = {}  # the last one into each folder
         self._over = False
 
     def stop(self) -> None:
@@ -396,6 +407,8 @@ class RecorderJobs:
     def fetch(self, transfer: Transfer, location: str, target: Path, progress: Callable[[float], None]) -> str:
         """Fetch a part, waiting for it; return why it did not come, or an empty text.
 
+        A fetch into the same folder that still runs is ended first.
+
         Args:
             transfer: how.
             location: of the part, as the platform names it.
@@ -409,53 +422,81 @@ class RecorderJobs:
             return problem
         if transfer.by == "here":
             return "" if (Path(location) / PARTS).is_file() else f"{location} is not on this computer"
-        source = mounted(transfer, location)
-        if transfer.by == "shared" and not Path(source).is_dir():
-            return f"{source} is not there: is the other platform's storage mounted?"
+        fetch = _Fetch(transfer, location, target, progress)
+        self.stop_fetch(target)
+        with self._lock:
+            self._fetches[target] = fetch
         try:
-            target.mkdir(parents=True, exist_ok=True)
-            problem = self._rsync(transfer, location, target, [PARTS], progress)
-            content = read_json(target / PARTS)
-            if problem or content is None:
-                return problem or f"{location}/{PARTS} cannot be read"
-            files = [str(each["file"]) for each in content["files"]]
-            return self._rsync(transfer, location, target, [*files, *content.get("logs", [])], progress)
+            return self._fetched(fetch)
         except OSError as error:
             return f"{target}: {error.strerror}"
+        finally:
+            self.stop_fetch(target, fetch)
 
-    def _rsync(
-        self, transfer: Transfer, location: str, target: Path, names: Sequence[str], progress: Callable[[float], None]
-    ) -> str:
-        listing = target / ".wanted"
-        listing.write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
-        process = self._start(transfer_command(transfer, location, target, listing), stderr=subprocess.PIPE)
-        last = _Tail(process.stderr)
-        while True:
-            data = os.read(process.stdout.fileno(), 4096)
-            if not data:
-                break
-            done = progress_of(data.decode("utf-8", "replace"))
-            if done is not None and names != [PARTS]:
-                progress(done)
-        status = self._wait(process)
-        listing.unlink()
+    def stop_fetch(self, target: Path, only: Optional[_Fetch] = None) -> None:
+        """End what is fetched into a folder, or `only` this; where it hangs, it does nothing more when it goes on."""
+        with self._lock:
+            fetch = self._fetches.get(target)
+            if fetch is None or (only is not None and fetch is not only):
+                return
+            del self._fetches[target]
+            fetch.over = True
+            if fetch.process is not None:
+                with suppress(ProcessLookupError):
+                    os.killpg(fetch.process.pid, signal.SIGKILL)
+
+    def _fetched(self, fetch: _Fetch) -> str:
+        """Fetch the list of a part, then what it names."""
+        source = mounted(fetch.transfer, fetch.location)
+        if fetch.transfer.by == "shared" and not Path(source).is_dir():
+            return f"{source} is not there: is the other platform's storage mounted?"
+        fetch.target.mkdir(parents=True, exist_ok=True)
+        problem = self._rsync(fetch, [PARTS])
+        if problem:
+            return problem
+        content = read_parts(fetch.target)
+        if content is None:
+            return f"{fetch.location}/{PARTS} is no list of a part; retry, and its platform lists anew what is there"
+        return self._rsync(fetch, [*(each["file"] for each in content["files"]), *content.get("logs", [])])
+
+    def _rsync(self, fetch: _Fetch, names: Sequence[str]) -> str:
+        with NamedTemporaryFile("w", encoding="utf-8", prefix="amaze-wanted-") as listing:  # each fetch has its own
+            listing.write("".join(f"{name}\n" for name in names))
+            listing.flush()
+            command = transfer_command(fetch.transfer, fetch.location, fetch.target, Path(listing.name))
+            process = self._start(command, fetch, stderr=subprocess.PIPE)
+            last = _Tail(process.stderr)
+            while True:
+                data = os.read(process.stdout.fileno(), 4096)
+                if not data:
+                    break
+                done = progress_of(data.decode("utf-8", "replace"))
+                if done is not None and names != [PARTS]:
+                    fetch.progress(done)
+            status = self._wait(process, fetch)
         return "" if status == 0 else f"rsync: {problem_of(last.text(), status)}"
 
     # --- processes ------------------------------------------------------------------------------------------------
 
-    def _start(self, command: Sequence[str], **options: Any) -> Any:
+    def _start(self, command: Sequence[str], fetch: Optional[_Fetch] = None, **options: Any) -> Any:
         options.setdefault("stdin", subprocess.DEVNULL)
         with self._lock:
             if self._over:
                 raise OSError(0, "the node ends")
+            if fetch is not None and fetch.over:
+                raise OSError(0, "it was given up")
             process = subprocess.Popen(list(command), stdout=subprocess.PIPE, start_new_session=True, **options)
             self._processes.add(process)
+            if fetch is not None:
+                fetch.process = process
         return process
 
-    def _wait(self, process: Any) -> int:
+    def _wait(self, process: Any, fetch: Optional[_Fetch] = None) -> int:
         status = int(process.wait())
         with self._lock:
             self._processes.discard(process)
+            if fetch is not None:
+                fetch.process = None
         for stream in (process.stdin, process.stdout):
             if stream is not None:
                 with suppress(OSError):

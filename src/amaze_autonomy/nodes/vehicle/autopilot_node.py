@@ -2,7 +2,7 @@
 
     autopilot/check           CheckAutopilot
     autopilot/check_battery   CheckBattery
-    autopilot/land            std_srvs/Trigger; commands the landing mode, unless the pilot has control
+    autopilot/land            std_srvs/Trigger; commands the landing mode, unless the pilot or a failsafe has control
     autopilot/disarm          std_srvs/Trigger; on the ground only
     autopilot/status          AutopilotStatus, 5 Hz and at once on a change
     autopilot/commanding      std_msgs/String, likewise: AUTO.LAND or DISARM while that stands here, else empty; the
@@ -12,7 +12,7 @@
     landing_detection/landed  Landed: the range finder's opinion, for the check (subscribed)
 
 The link, limits and needs: autopilot.yaml. Parameters: `node_main.py`. On SIGINT or SIGTERM in flight it commands the
-landing mode before it closes its link, unless the pilot has control. The link itself: docs/autopilot.md.
+landing mode before it closes its link, unless somebody else has control. The link itself: docs/autopilot.md.
 """
 
 from __future__ import annotations

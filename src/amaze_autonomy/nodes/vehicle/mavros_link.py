@@ -5,6 +5,9 @@ Subscribes to the topics of which the wanted messages are made, calls `set_mode`
 listens to `mavlink/from` beside mavros' namespace, too (`messages.py`). Services are called by threads of their own,
 one for each lane, each call within a limit; what was asked twice meanwhile is asked once, and a command that has waited
 is dropped unless it lands. For a mode and an arming a connection stays open: a landing needs no ROS master.
+
+What a topic says, the vehicle has said. What a service answers, mavros has: that a mode was sent, what it remembers of
+parameters and missions. It is handed on as MAVLink, and is no sign that the vehicle is there.
 """
 
 from __future__ import annotations
@@ -24,7 +27,16 @@ from amaze_autonomy.autopilot import Client, LinkState
 
 from ...autopilot.link.connection import ClientHost
 from ...autopilot.link.dialect import Message, mavlink
-from ...autopilot.mavros.messages import EKF, RECEIVED, STATE, VEHICLE, WAYPOINTS, Converter, Source, sources_of
+from ...autopilot.mavros.messages import (
+    RECEIVED,
+    STATE,
+    TAKEN_FROM_RECEIVED,
+    VEHICLE,
+    WAYPOINTS,
+    Converter,
+    Source,
+    sources_of,
+)
 from ...autopilot.mavros.requests import (
     CALL_LIMITS_S,
     COMMAND_SERVICES,
@@ -79,7 +91,9 @@ class MavrosLink(ClientHost):
         self._listens = False
         self._frames = self._unsent = 0
         self._publishers: Dict[str, Any] = {}
-        self._kinds = {source: _message(source.kind) for source in sources_of(wanted)}
+        names = frozenset(wanted)
+        self._kinds = {source: _message(source.kind) for source in sources_of(names)}
+        self._of_received = {number for number, kind in TAKEN_FROM_RECEIVED.items() if kind.msgname in names}
         flies = WAYPOINTS in self._kinds
         called = {**SERVICES, **(MISSION_SERVICES if flies else {})}
         self._services = {name: self._client_of(name, kind) for name, kind in called.items()}
@@ -145,7 +159,7 @@ class MavrosLink(ClientHost):
         return int(rospy.get_param(f"{self._namespace}/target_{name}_id", 1))
 
     def _take_received(self, message: Any) -> None:
-        if message.msgid == EKF:
+        if message.msgid in self._of_received:
             self._take(message, RECEIVED)
 
     def _take(self, message: Any, source: Source) -> None:
@@ -180,6 +194,11 @@ class MavrosLink(ClientHost):
             self._heartbeat_ns = t_ns
         self._tell(lambda: self._client.receive(t_ns, message))
 
+    def _answer(self, message: Message) -> None:
+        """Give the client what mavros answered in the vehicle's place."""
+        t_ns = self._now_ns()
+        self._tell(lambda: self._client.receive(t_ns, message, heard=False))
+
     def _wake(self) -> None:
         woke_s = -_WAKE_S
         while not self._ended.wait(_WAKE_S):
@@ -201,7 +220,7 @@ class MavrosLink(ClientHost):
             for request in taken.requests:
                 self._enqueue(request)
             for answer in taken.answers:
-                waiting.extend(self._client.receive(self._now_ns(), answer))
+                waiting.extend(self._client.receive(self._now_ns(), answer, heard=False))
 
     def _pass_on(self, message: Message) -> None:
         publication, request = publication_of(message), request_of(message, self._converter.behind.autopilot)
@@ -245,7 +264,7 @@ class MavrosLink(ClientHost):
             answer = self._call(request)
             with self._changed:
                 for message in self._answers(request, answer):
-                    self._give(message)
+                    self._answer(message)
                 self._announce()
 
     def _call(self, request: Request) -> Any:

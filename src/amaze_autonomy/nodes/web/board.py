@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Deque, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ...console import dialog
-from ...console.keys import BINDINGS, Binding
+from ...console.keys import BINDINGS, SAFE, Binding, offered
 from ...console.link import AnswerCame, CollectingCame, Happening, LinkSays, MessagesCame, MissionsCame, StateCame
 from ...console.model import Desk, PendingFailure, Request, RequestKind, Snapshot, Verdict
 from ...console.screen.style import tone_of_check, tone_of_code, tone_of_state
@@ -65,8 +65,9 @@ class Board:
     def __init__(self, board_id: str, plans: Sequence[MissionPlan] = ()) -> None:
         self.id = board_id
         self.desk = Desk()
-        self._parts: Dict[str, Any] = {"plans": {plan.mission.id: plan_of(plan) for plan in plans}}
-        self._versions: Dict[str, int] = {"plans": 1}
+        drawn, safe = {plan.mission.id: plan_of(plan) for plan in plans}, [_button(each) for each in offered(None)]
+        self._parts: Dict[str, Any] = {"plans": drawn, "safe": safe}
+        self._versions: Dict[str, int] = dict.fromkeys(self._parts, 1)
         self._flight = _Flight()
         self._session = ""
         self._sample = 0
@@ -93,6 +94,10 @@ class Board:
         elif isinstance(happening, LinkSays):
             self.desk = replace(desk, link=happening.text, engine=happening.engine or desk.engine)
             self._put("engine", {"name": self.desk.engine, "link": self.desk.link})
+
+    def state_at(self, now_s: float) -> Optional[str]:
+        """Return the name of the state in which the engine is; None: it is not heard."""
+        return None if self.desk.snapshot is None or not self.desk.heard(now_s) else self.desk.snapshot.state
 
     def wants_missions(self, now_s: float) -> bool:
         """Return True when the engine is to be asked for its missions; says so once in a while."""
@@ -236,12 +241,14 @@ def _check(check: Check) -> Dict[str, Any]:
     }
 
 
+def _button(binding: Binding) -> Dict[str, Any]:
+    return {"name": binding.command.value, "words": binding.words, "question": binding.question}
+
+
 def _command(binding: Binding, snapshot: Snapshot) -> Dict[str, Any]:
     answer = snapshot.answer_to(binding.command)
     return {
-        "name": binding.command.value,
-        "words": binding.words,
-        "question": binding.question,
+        **_button(binding),
         "possible": binding.command.value in snapshot.user_commands,
         "verdict": "" if answer is None else answer.verdict.value,
         "answer": "" if answer is None else answer.message,
@@ -308,8 +315,6 @@ _OPEN = 16
 _ANSWER_LIMIT_S = 10.0
 _FRESH_S = 5.0
 _LONGEST_ID, _MOST_MISSIONS = 64, 20
-_SAFE = (UserCommand.HOLD, UserCommand.LAND, UserCommand.ABORT)
-"""Never too late: these stop the vehicle or bring it down. Anything else is for the moment that the operator saw."""
 
 
 @dataclass
@@ -337,14 +342,14 @@ class Orders:
         return isinstance(token, str) and hmac.compare_digest(token.encode(), self._token)
 
     def take(
-        self, order: Mapping[str, Any], state: str, now_s: float
+        self, order: Mapping[str, Any], state: Optional[str], now_s: float
     ) -> Tuple[Optional[Dict[str, str]], Optional[Request]]:
         """Take an order, perhaps once more: return its answer, if there is one yet, and the request to send, if any.
 
         Args:
             order: id, token, board, seen (the name of the state), beat (the time that the server sent last), and
                 command or missions.
-            state: in which the engine is.
+            state: in which the engine is; None: it is not heard.
             now_s: the time of `beat`.
         """
         order_id = order.get("id")
@@ -366,18 +371,20 @@ class Orders:
         return None, request
 
     def _refusal(
-        self, order: Mapping[str, Any], request: Optional[Request], state: str, now_s: float
+        self, order: Mapping[str, Any], request: Optional[Request], state: Optional[str], now_s: float
     ) -> Optional[Tuple[Verdict, str]]:
         if not self.knows(order.get("token")):
             return Verdict.REFUSED, "The token is not the one of this vehicle: commands need it, looking does not."
         if order.get("board") != self._board:
             return Verdict.NO_ANSWER, "The page's server was started anew meanwhile. Look at the state, then ask again."
+        if request is None or request.command in SAFE:
+            return None
+        if state is None:
+            return Verdict.NO_ANSWER, "Not sent: no contact with the engine."
         if sum(each.answer is None for each in self._orders.values()) >= _OPEN:
             return Verdict.REFUSED, "Too many commands wait for their answers."
-        if request is None or request.command in _SAFE:
-            return None
         if order.get("seen") != state:
-            return Verdict.REFUSED, f"Not sent: the engine is in {state or 'no known state'} by now."
+            return Verdict.REFUSED, f"Not sent: the engine is in {state} by now."
         beat = order.get("beat")
         if not isinstance(beat, (int, float)) or not 0.0 <= now_s - beat <= _FRESH_S:
             return Verdict.NO_ANSWER, "Not sent: it was too long under way. Look at the state, then ask again."

@@ -249,9 +249,8 @@ class Viewer(_Guarded, WebSocketHandler):
             self._order(said["order"])
 
     def _order(self, order: Dict[str, Any]) -> None:
-        server = self.server
-        snapshot = server.board.desk.snapshot
-        answer, request = server.orders.take(order, "" if snapshot is None else snapshot.state, server.now())
+        server, now_s = self.server, self.server.now()
+        answer, request = server.orders.take(order, server.board.state_at(now_s), now_s)
         if request is not None:
             _log.warning("%s asks for: %s", self.request.remote_ip, request.words)
             server.send(request)

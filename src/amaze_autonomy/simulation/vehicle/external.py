@@ -82,7 +82,7 @@ class Observer:
             "MISSION_ITEM_REACHED": self._item_reached,
         }
 
-    def receive(self, t_ns: int, message: Message) -> Iterable[Message]:
+    def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> Iterable[Message]:  # noqa: ARG002
         """Take a message of the vehicle."""
         name = message.get_type()
         self._rates.heard(t_ns, name)

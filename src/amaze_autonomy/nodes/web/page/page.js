@@ -7,7 +7,7 @@ const OLD_S = 3, GIVE_UP_S = 15, AGAIN_S = 2, MOST_PAUSE_S = 4, MOST_MESSAGES = 
 const RECORDER = ["START_RECORDING", "DATA_CLEANUP"]; // what it does is what is waited for
 const CHECKED = ["PREFLIGHT", "OUTREACH", "READY", "START_RECORDING", "LOAD_MISSION"];
 const LEVELS = [["", ""], ["WARNING", "warn"], ["ERROR", "bad"], ["ALARM", "bad"]];
-const ANSWERS = { "DONE": "good", "ALREADY": "info", "REFUSED": "bad", "NO ANSWER": "bad" };
+const ANSWERS = { "DONE": "good", "ALREADY": "info", "REFUSED": "bad", "NO ANSWER": "bad", "NOT SENT": "bad" };
 
 const have = { board: "", run: "", note: 0, sample: 0 };
 const orders = new Map();
@@ -17,7 +17,7 @@ let question = null, answer = null, token = "", mayCommand = false, sound = null
 
 const nowMs = () => performance.now();
 const clock = (s) => `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
-const command = (name) => parts.state.commands.find((each) => each.name === name);
+const unheard = () => !parts.state || Boolean(lost());
 
 function element(tag, text = "", classes = "", tone = "") {
   const made = document.createElement(tag);
@@ -110,11 +110,24 @@ function takeNotes(news) {
   while ($("messages").childElementCount > MOST_MESSAGES) $("messages").lastElementChild.remove();
 }
 
-// --- commands: each has an id and is sent again until it is answered; the server carries out each id once ---
+// --- commands: each has an id and is sent again until it is answered; the server carries out each id once. What the
+// engine would answer is never said in its place: the vehicle may fly by now. ---
+
+const nameOfState = () => (parts.state ? parts.state.name : "");
+
+function offered() { // without contact what stops the vehicle or brings it down
+  if (unheard()) return parts.safe || [];
+  return parts.state.commands.filter((each) => each.possible || (each.name === "land" && each.verdict === "ALREADY"));
+}
+
+function isPossible({ missions, command }) { // the engine has an answer to LAND in every state
+  if (missions) return Boolean(parts.state && parts.state.takes_mission);
+  return command === "land" || offered().some((each) => each.name === command);
+}
 
 function give(what, words) {
   const id = Array.from(crypto.getRandomValues(new Uint32Array(4))).join("-");
-  const body = { id, ...what, seen: parts.state.name, board: have.board, beat };
+  const body = { id, ...what, seen: nameOfState(), board: have.board, beat };
   const order = { id, words, body, givenMs: nowMs(), sentMs: 0 };
   orders.set(id, order);
   send(order);
@@ -133,15 +146,12 @@ function takeAnswer(said) {
 }
 
 function tell(words, verdict, message) {
-  answer = { words, verdict, message, atMs: nowMs(), state: parts.state ? parts.state.name : "" };
+  answer = { words, verdict, message, atMs: nowMs(), state: nameOfState() };
 }
 
-function press(name) {
-  const { words, possible, verdict, question: text, answer: why } = command(name);
-  if (!possible) tell(words, verdict || "REFUSED", why);
-  else if (text) ask(text, { command: name }, words);
+function press({ name, words, question: text }) {
+  if (text) ask(text, { command: name }, words);
   else give({ command: name }, words);
-  render();
 }
 
 function ask(text, what, words) {
@@ -149,14 +159,13 @@ function ask(text, what, words) {
   render();
 }
 
-function forgetTheLate(state) {
-  if (question) {
-    const { missions, command: name } = question.what;
-    const possible = missions ? state.takes_mission : command(name).possible;
-    if (!possible || nowMs() - question.atMs > 10000) {
-      tell(question.words, "REFUSED", possible ? "Not sent: not confirmed in time." : "Not sent: not possible any more.");
-      question = null;
-    }
+function forgetTheLate() {
+  if (question && !isPossible(question.what)) {
+    tell(question.words, "NOT SENT", unheard() ? "no contact." : "not possible any more.");
+    question = null;
+  } else if (question && nowMs() - question.atMs > 10000) {
+    tell(question.words, "NOT SENT", "not confirmed in time.");
+    question = null;
   }
   for (const order of orders.values()) {
     if (nowMs() - order.givenMs > GIVE_UP_S * 1000) {
@@ -164,7 +173,7 @@ function forgetTheLate(state) {
       tell(order.words, "NO ANSWER", "Whether it has arrived is not known. Look at the state.");
     } else if (nowMs() - order.sentMs > AGAIN_S * 1000) send(order);
   }
-  if (answer && nowMs() - answer.atMs > (answer.state === state.name ? 15000 : 2000)) answer = null;
+  if (answer && nowMs() - answer.atMs > (answer.state === nameOfState() ? 15000 : 2000)) answer = null;
 }
 
 function useToken(given) {
@@ -206,6 +215,8 @@ function render() {
   if (!state) {
     const waits = parts.engine && parts.engine.link;
     $("where").textContent = waits || "Waiting for the engine. If it is not running: start the launch file.";
+    forgetTheLate();
+    renderCommands();
     return;
   }
   const passedS = (nowMs() - stateMs) / 1000, [word, tone] = LEVELS[Math.min(3, state.level)];
@@ -217,13 +228,13 @@ function render() {
   fill("message", word ? [element("span", word, "", tone), ` ${words}`] : [words]);
   $("waiting").textContent = state.waiting_for ? `Waiting for: ${state.waiting_for}` : "";
   $("advice").textContent = state.advice;
-  forgetTheLate(state);
+  forgetTheLate();
   renderReadings(state);
   renderFaults(state, passedS);
   renderChecks(state);
   renderMissions(state);
   renderRecording(state);
-  renderCommands(state);
+  renderCommands();
   alarm(state, gone);
 }
 
@@ -283,15 +294,13 @@ function choose(mission) { // what is pressed while the question is open follows
   else ask(`${mission.question} Another mission pressed now is flown after it.`, { missions }, `mission ${names}`);
 }
 
-function renderCommands(state) {
-  renew("commands", [state.commands, mayCommand], () => state.commands
-    .filter((each) => each.possible || (each.name === "land" && each.verdict === "ALREADY"))
-    .map((each) => {
-      const button = element("button", each.words, each.name);
-      button.disabled = !mayCommand;
-      button.onclick = () => press(each.name);
-      return button;
-    }));
+function renderCommands() {
+  renew("commands", [offered(), mayCommand], () => offered().map((each) => {
+    const button = element("button", each.words, each.name);
+    button.disabled = !mayCommand;
+    button.onclick = () => press(each);
+    return button;
+  }));
   $("question").hidden = !question;
   $("asked").textContent = question ? question.text : "";
   const [open] = orders.values();

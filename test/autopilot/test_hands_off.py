@@ -1,0 +1,342 @@
+"""Hands off (rule 4): neither node commands over a failsafe that acts, nor over a pilot, whatever the flags say.
+
+And the other way round: a flag alone is no reason to leave a vehicle in our mode to itself.
+"""
+
+from __future__ import annotations
+
+import pytest
+from autopilot_tools import beat
+from client_bench import ClientBench
+from flying import ARDUPILOT, ARM, MS, PX4, SET_MODE, Recorded, S
+from px4_tools import POSCTL, RTL
+from vehicle_lies import CRITICAL, Liar
+
+from amaze_autonomy.autopilot.link.dialect import mavlink
+from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
+from amaze_autonomy.autopilot.vehicle.client import AutopilotClient, Reply
+from amaze_autonomy.autopilot.vehicle.modes import Control, Heartbeat
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase
+from amaze_autonomy.monitoring.specs import BatterySpec
+from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
+
+P, A = MissionPhase, MissionAction
+EACH = pytest.mark.parametrize("kind", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+BOTH = pytest.mark.parametrize("mission", ["line", "inside"])
+LOITER, TAKEOFF, MISSION, LAND = (f"AUTO.{name}" for name in ("LOITER", "TAKEOFF", "MISSION", "LAND"))
+COPTER_FLIES = mavlink.MAV_CMD_NAV_TAKEOFF
+
+
+def landings(bench, since_ns=0):
+    """Return when the landing mode was commanded."""
+    return [t_ns for t_ns in bench.commands(SET_MODE) if t_ns >= since_ns]
+
+
+def copter():
+    """Return an ArduCopter in the air, in GUIDED."""
+    bench = ClientBench(autopilot=(ArduCraft, ArduPilot)).advance(3.0)
+    for command, *values in ((SET_MODE, 1, 4), (ARM, 1), (COPTER_FLIES, 0, 0, 0, 0, 0, 0, 10.0)):
+        bench.far.command(command, *values)
+        bench.advance(0.1)
+    return bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "IN_AIR").advance(4.0)
+
+
+def failsafe(mode, *, pilot=False):
+    """Return what happens while the link is cut: a failsafe chooses a mode; a pilot flies in it, the flag still up."""
+
+    def happens(craft):
+        craft.enter_failsafe(mode)
+        craft.pilot = pilot
+
+    return happens
+
+
+# --- the autopilot node: a landing that stands ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "make, happens, mode",
+    [
+        (lambda: ClientBench().fly(20.0), failsafe("AUTO.RTL"), "AUTO.RTL"),
+        (lambda: ClientBench().fly(20.0).advance(0.4), failsafe("AUTO.RTL"), "AUTO.RTL"),
+        (lambda: ClientBench().fly(20.0), failsafe("POSCTL", pilot=True), "POSCTL"),
+        (lambda: ClientBench().fly(20.0).advance(0.4), failsafe("POSCTL", pilot=True), "POSCTL"),
+        (copter, failsafe("ALTCTL", pilot=True), "ALTCTL"),
+        (copter, failsafe("AUTO.RTL"), "AUTO.RTL"),
+    ],
+    ids=["px4 returns", "px4 returns a little later", "px4 pilot", "px4 pilot later", "copter pilot", "copter returns"],
+)
+def test_a_landing_that_stands_is_not_sent_over_what_the_autopilot_began_while_the_link_was_cut(make, happens, mode):
+    bench = make()
+    bench.far.craft.command_mode("AUTO.MISSION" if mode != "ALTCTL" else "OFFBOARD")
+    bench.advance(1.5)
+    bench.cut = True
+    bench.advance(3.2)
+    bench.ask(bench.client.land)
+    happens(bench.far.craft)
+    bench.advance(1.0)
+    assert bench.client.commanding == LAND
+    bench.cut, heard_ns = False, bench.t_ns
+    bench.until(lambda: bench.vehicle.beat.mode == mode, 1.2)
+    seen_ns = bench.t_ns
+    bench.advance(6.0)
+    assert landings(bench, seen_ns + 1) == []
+    assert (len(landings(bench, heard_ns)) <= 3, bench.client.commanding) == (True, "")  # until its mode is heard
+    words = f"the autopilot acts by its failsafe, in {mode}"
+    assert bench.client.land_reply() == Reply(accepted=False, message=words, final=True)
+    bench.far.craft.leave_failsafe()
+    bench.advance(3.0)
+    assert landings(bench, seen_ns + 1) == []  # it was taken for good
+
+
+def test_a_landing_that_is_asked_for_is_refused_while_a_failsafe_acts():
+    bench = ClientBench().fly(20.0)
+    bench.far.craft.enter_failsafe("AUTO.RTL")
+    bench.until(lambda: bench.vehicle.control.failsafe, 1.2)
+    words = "the autopilot acts by its failsafe, in AUTO.RTL"
+    assert bench.ask(bench.client.land) == Reply(accepted=False, message=words, final=True)
+    bench.advance(3.0)
+    assert (landings(bench), bench.client.commanding) == ([], "")
+
+
+def heard(*beats, transmitter=True):
+    """Return a client after heartbeats of (mode, status), armed, 0.4 s apart, and one SYS_STATUS; and the time."""
+    client = AutopilotClient(AutopilotSettings(), BatterySpec(), lambda: (1, 1))
+    rc = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    known = rc if transmitter else 0
+    if transmitter is not None:
+        client.receive(S, mavlink.MAVLink_sys_status_message(known, rc, known, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
+    numbers = {MISSION: 4 << 24 | 4 << 16, LOITER: 3 << 24 | 4 << 16, TAKEOFF: 2 << 24 | 4 << 16, "POSCTL": 3 << 16}
+    numbers.update({"AUTO.RTL": 5 << 24 | 4 << 16, "OFFBOARD": 6 << 16, LAND: 6 << 24 | 4 << 16})
+    t_ns = S
+    for mode, status in beats:
+        t_ns += 400 * MS
+        client.receive(t_ns, beat(numbers[mode], armed=True, status=status))
+    return client, t_ns
+
+
+ACTIVE = mavlink.MAV_STATE_ACTIVE
+
+
+@pytest.mark.parametrize(
+    "beats, lands",
+    [
+        ([(MISSION, ACTIVE), (MISSION, CRITICAL), (MISSION, CRITICAL)], True),
+        ([(TAKEOFF, ACTIVE), (TAKEOFF, CRITICAL), (TAKEOFF, CRITICAL)], True),
+        ([("OFFBOARD", ACTIVE), ("OFFBOARD", CRITICAL), ("OFFBOARD", CRITICAL)], True),
+        ([(LOITER, ACTIVE), (LOITER, CRITICAL), (LOITER, CRITICAL)], True),  # held by us
+        ([(MISSION, ACTIVE), (MISSION, CRITICAL), (LOITER, CRITICAL), (LOITER, CRITICAL)], True),  # held under the flag
+        ([(MISSION, ACTIVE), (LOITER, CRITICAL), (LOITER, CRITICAL)], False),  # PX4 waits before it returns
+        ([(MISSION, ACTIVE), ("AUTO.RTL", CRITICAL), (LOITER, CRITICAL), (LOITER, CRITICAL)], False),
+        ([(LOITER, ACTIVE), ("AUTO.RTL", CRITICAL), (LOITER, CRITICAL), (LOITER, CRITICAL)], False),
+        ([(MISSION, ACTIVE), ("AUTO.RTL", CRITICAL)], False),  # its first sign is enough
+        ([(MISSION, ACTIVE), ("POSCTL", CRITICAL)], False),
+    ],
+)
+def test_a_failsafe_has_control_when_the_mode_left_ours_and_with_its_flag_alone_it_is_landed(beats, lands):
+    client, t_ns = heard(*beats)
+    answer, messages = client.land(t_ns)
+    assert (bool(messages), answer.accepted) == (lands, lands), answer
+    answer, messages = client.leave(t_ns)
+    assert (bool(messages) or client.landing.sending) is (lands or len(beats) == 2)  # its first sign ends nothing
+
+
+@pytest.mark.parametrize("transmitter, after_s", [(True, None), (False, 0.0), (None, 3.0)])
+def test_a_pilot_s_mode_of_a_failsafe_is_a_pilot_s_where_a_transmitter_is_heard_and_unknown_is_waited_for(
+    transmitter, after_s
+):
+    """The heartbeat that shows POSCTL may come half a second before the SYS_STATUS that says who is there."""
+    client, t_ns = heard((MISSION, ACTIVE), transmitter=transmitter)
+    client.land(t_ns)
+    sent, began_ns = [], t_ns + 10 * MS
+    for number in range(100):
+        t_ns += 50 * MS
+        messages = list(client.wake(t_ns))
+        if not number % 10:
+            messages += client.receive(t_ns, beat(3 << 16, armed=True, status=CRITICAL))
+        if not number % 10 and transmitter is not None:
+            rc = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+            known = rc if transmitter else 0
+            client.receive(t_ns, mavlink.MAVLink_sys_status_message(known, rc, known, *[0] * 10))
+        sent += [t_ns for each in messages if each.get_type() == "COMMAND_LONG" and each.command == SET_MODE]
+    if after_s is None:
+        assert sent == []
+    else:
+        assert after_s <= (sent[0] - began_ns) / S <= after_s + 0.5
+
+
+def test_of_a_silent_vehicle_the_last_that_was_heard_of_its_transmitter_counts():
+    client, t_ns = heard((MISSION, ACTIVE), transmitter=True)
+    client.land(t_ns)
+    client.receive(t_ns + 50 * MS, beat(3 << 16, armed=True, status=CRITICAL))
+    sent = [each for number in range(1, 100) for each in client.wake(t_ns + number * S // 10)]
+    assert SET_MODE not in {each.command for each in sent if each.get_type() == "COMMAND_LONG"}
+
+
+# --- the autopilot node: a disarming ----------------------------------------------------------------------------------
+
+
+def on_the_ground(make=lambda: ClientBench().fly(3.0)):
+    """Return a vehicle that has landed and does not disarm, told to."""
+    bench = make()
+    bench.far.craft.flags.does_not_disarm = True
+    bench.ask(bench.client.land)
+    bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "ON_GROUND").advance(1.0)
+    bench.ask(bench.client.disarm)
+    assert len(bench.commands(ARM)) == 1
+    return bench
+
+
+def test_a_disarming_ends_when_a_pilot_takes_over_and_is_refused_then():
+    bench = on_the_ground()
+    bench.far.craft.pilot_takes_over("POSCTL", 600 * S)
+    bench.until(lambda: bench.vehicle.control.pilot, 1.2)
+    sent = bench.commands(ARM)
+    words = "the pilot has control, in POSCTL"
+    assert bench.ask(bench.client.disarm) == Reply(accepted=False, message=words, final=True)
+    bench.until(lambda: not bench.client.disarming.sending, 1.2)
+    assert bench.client.disarm_reply() == Reply(accepted=False, message=words, final=True)
+    bench.far.craft.pilot_gives_back()
+    bench.advance(5.0)
+    assert bench.commands(ARM) == sent
+
+
+def test_a_disarming_is_not_sent_over_a_pilot_while_the_failsafe_flag_is_up():
+    bench = on_the_ground()
+    bench.far.craft.enter_failsafe("POSCTL")
+    bench.far.craft.pilot = True
+    bench.until(lambda: bench.vehicle.beat.mode == "POSCTL", 1.2)
+    sent = bench.commands(ARM)
+    assert not bench.ask(bench.client.disarm).accepted
+    bench.advance(3.0)
+    assert bench.commands(ARM) == sent
+
+
+def test_one_message_that_says_pilot_does_not_end_a_disarming_nor_does_a_mode_that_px4_chooses_by_itself():
+    bench = on_the_ground()
+    lies = Liar(bench.client)
+    bench.advance(1.0)
+    sent = len(bench.commands(ARM))
+    bench.transmit(lies.datagram(bench.t_ns, ("mode", "POSCTL")))
+    bench.advance(1.5)
+    assert len(bench.commands(ARM)) > sent
+    sent = len(bench.commands(ARM))
+    bench.far.craft.fall_into(LOITER)
+    bench.until(lambda: bench.vehicle.beat.mode == LOITER, 1.2)
+    bench.ask(bench.client.disarm)
+    bench.advance(1.0)
+    assert len(bench.commands(ARM)) > sent
+
+
+# --- the planner ------------------------------------------------------------------------------------------------------
+
+
+def flying(mission="line", kind=PX4):
+    found = Recorded(kind=kind)
+    found.take_off(mission)
+    found.until(lambda: found.craft.position_m[0] > 2.0)
+    return found
+
+
+def pilot_chooses(mode):
+    return lambda craft: craft.pilot_takes_over(mode, 600 * S)
+
+
+TAKES = {
+    "a pilot's return": pilot_chooses("AUTO.RTL"),
+    "a pilot's hold": pilot_chooses(LOITER),
+    "a failsafe's return": failsafe("AUTO.RTL"),
+    "a failsafe's hold": failsafe(LOITER),
+}
+
+
+@EACH
+@BOTH
+@pytest.mark.parametrize("who", TAKES)
+def test_told_to_end_the_planner_does_not_land_over_who_has_control(mission, kind, who):
+    found = flying(mission, kind)
+    TAKES[who](found.craft)
+    found.run(2 * S)
+    mode, told_ns = found.craft.mode, found.t_ns
+    assert found.planner.shutdown(found.t_ns) == (False, ())
+    found.run(2 * S)
+    assert (found.since(told_ns), found.craft.mode) == ([], mode)
+
+
+@EACH
+@BOTH
+def test_a_landing_of_the_planner_is_not_sent_over_what_the_autopilot_began_while_the_link_was_cut(mission, kind):
+    found = flying(mission, kind)
+    found.cut()
+    found.run(3200 * MS)
+    assert found.command(A.LAND) == ""
+    found.craft.enter_failsafe("AUTO.RTL")
+    found.run(S)
+    found.join()
+    found.until(lambda: found.planner.watch.mode == "AUTO.RTL", 1200 * MS)
+    seen_ns = found.t_ns
+    found.run(4 * S)
+    assert found.since(seen_ns + 1) == []
+
+
+@EACH
+def test_told_to_end_under_the_flag_alone_it_lands_from_a_mode_of_ours(kind):
+    """A warning of a low battery; and a hold of ours under it."""
+    for hold in (False, True):
+        found = flying(kind=kind)
+        Liar(found.planner, copter=kind is ARDUPILOT).always(("status", CRITICAL))
+        found.run(2 * S)
+        if hold:
+            assert found.command(A.HOLD) == ""
+            found.run(2 * S)
+        lands, messages = found.planner.shutdown(found.t_ns)
+        found.channel.ours(messages)
+        assert lands
+        found.until(lambda found=found: found.craft.mode == LAND, 2 * S)
+
+
+@EACH
+@BOTH
+def test_a_landing_that_is_repeated_is_refused_while_a_pilot_returns(mission, kind):
+    """The autopilot node is dead, so the engine cannot see him: it asks twice a second."""
+    found = flying(mission, kind)
+    found.craft.pilot_takes_over("AUTO.RTL", 600 * S)
+    found.run(1500 * MS)
+    taken_ns = found.t_ns
+    for _ in range(8):
+        assert found.command(A.LAND) == "the pilot has control (mode AUTO.RTL)"
+        found.run(S // 2)
+    assert found.status.message == "the pilot has control (mode AUTO.RTL)"
+    assert (found.since(taken_ns), found.craft.mode) == ([], "AUTO.RTL")
+
+
+@EACH
+def test_a_vehicle_that_leaves_our_mission_for_a_hold_by_itself_is_landed_when_asked(kind):
+    found = flying(kind=kind)
+    found.craft.fall_into(LOITER)
+    found.run(2 * S)
+    assert found.command(A.LAND) == ""
+    found.until_phase(P.LANDED)
+
+
+def test_who_has_control_under_the_flag_is_told_by_the_mode_and_by_what_was_commanded():
+    watch, control = VehicleWatch(), Control()
+    assert (watch.pilot, watch.others_fly, control.acts_alone) == (False, False, False)
+    control.command(LOITER)
+    for mode in (MISSION, LOITER):
+        control.add(Heartbeat(0, armed=True, mode=mode, status=CRITICAL, autopilot=12))
+    assert (control.failsafe, control.acts_alone) == (True, False)
+
+
+def test_a_pilot_who_returns_from_a_landing_of_the_autopilot_node_is_left_alone():
+    bench = ClientBench().fly(20.0)
+    bench.ask(bench.client.land)
+    bench.until(lambda: bench.client.land_reply().final, 5.0)
+    for mode in (RTL, POSCTL):
+        bench.far.mode(mode)
+        bench.until(lambda: bench.vehicle.control.pilot, 1.2)
+        sent = landings(bench)
+        bench.advance(2.0)
+        assert landings(bench) == sent

@@ -1,0 +1,240 @@
+"""A file that is damaged is a loss that is told, and no reason to do without all others; nothing of it is removed."""
+
+import json
+import shutil
+
+import pytest
+from bag_tools import bag, contents, digest, every_kill, rows, unclosed
+from part_tools import FACTS, killed, part, plan, small_storage, two_platforms
+from test_header_numbers import inertial, numbered
+
+from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.index import Index
+from amaze_autonomy.recording import job, parts
+from amaze_autonomy.recording.job import collect
+from amaze_autonomy.recording.losses import header_numbers
+from amaze_autonomy.recording.parts import close_parts, whole_bags
+from amaze_autonomy.recording.storage import PARTS
+
+
+def damage_data(path, number=1):
+    """Destroy the head of the first message of a chunk: no index shows it, and what follows it can be found."""
+    with Index(path) as index:
+        data = index.head(number).data
+    write_at(path, data + 4, b"\xff\xff\xff\xff")
+
+
+def damage_head(path, number=1):
+    """Destroy the header of a chunk: all of it can be found by the index records behind it."""
+    with Index(path) as index:
+        write_at(path, index.chunks[number].position + 4, b"\xff" * 8)
+
+
+def write_at(path, place, data):
+    raw = bytearray(path.read_bytes())
+    raw[place : place + len(data)] = data
+    path.write_bytes(raw)
+
+
+def manifest(session):
+    return json.loads((session / "s1_m.manifest.json").read_text())
+
+
+def files_of(content):
+    return [(entry["file"], entry.get("open", False), entry["lost"]) for entry in content["files"]]
+
+
+def listed_first(folder):
+    """List a part as if it had been damaged before that."""
+    (folder / PARTS).unlink()
+    return close_parts(folder, {**FACTS, "platform": folder.name})
+
+
+@pytest.fixture
+def session(tmp_path):
+    return two_platforms(tmp_path)  # 300 messages of each of /a and /b on main, of /c on second
+
+
+@pytest.mark.parametrize("damage", [damage_data, damage_head])
+@pytest.mark.parametrize("name", ["main/states-01.bag", "second/realsense-01.bag"])
+def test_a_listed_bag_with_damaged_data_lacks_what_is_damaged_and_the_rest_is_merged(session, damage, name):
+    path = session / name
+    damage(path)
+    platform, original = path.parent.name, digest(path)
+    listed_first(path.parent)
+    summary = collect(plan(session))
+    recovered = path.with_name(f"{path.stem}.recovered.bag")
+    lost = (600 if platform == "main" else 300) - len(contents(recovered))
+    assert (0 < lost < 40) if damage is damage_data else lost == 0
+    words = (f"{platform}/{path.name}: {lost} messages",) if lost else ()
+    assert (summary.lost, summary.lost_in_flight, summary.messages) == (words, words, 900 - lost)
+    assert manifest(session)["platforms"][platform]["lost"] == [each.split("/")[1] for each in words]
+    assert digest(path) == original
+
+
+def test_so_does_a_bag_in_place_that_is_damaged_after_it_was_listed(session):
+    damage_data(session / "main" / "states-01.bag")
+    (words,) = collect(plan(session)).lost
+    assert words.startswith("main/states-01.bag: ")
+    assert words.endswith(" messages")
+
+
+def test_it_is_recovered_once_and_what_is_made_then_is_not_made_again(session, monkeypatch):
+    damage_data(session / "main" / "states-01.bag")
+    listed_first(session / "main")
+    summary = collect(plan(session))
+    with monkeypatch.context() as patched:
+        patched.setattr(parts, "recover", refused)
+        patched.setattr(job, "merge", refused)
+        assert collect(plan(session)) == summary
+    content = close_parts(session / "main", {**FACTS, "anew": True})
+    (lost,) = (entry["lost"] for entry in content["files"])
+    assert files_of(content) == [("states-01.recovered.bag", False, lost)]
+    assert f"main/states-01.recovered.bag: {lost} messages" in collect(plan(session)).lost
+
+
+def refused(path, *_, **__):
+    raise BagError(str(path), "is not what is asked for here", "do not")
+
+
+def test_a_bag_that_still_cannot_be_used_when_it_is_recovered_is_a_problem(session, monkeypatch):
+    damage_data(session / "main" / "states-01.bag")
+    listed_first(session / "main")
+    asked = []
+
+    def merge(inputs, *_):
+        asked.append(inputs[0].name)
+        raise BagError(str(inputs[0]), "cannot be used", "ask somebody")
+
+    monkeypatch.setattr(job, "merge", merge)
+    with pytest.raises(BagError, match=r"states-01\.recovered\.bag: cannot be used"):
+        collect(plan(session))
+    assert asked == ["states-01.bag", "states-01.recovered.bag"]
+
+
+def test_a_bag_without_damage_is_not_recovered_whatever_a_merge_says_of_it(session, monkeypatch):
+    def merge(inputs, *_):
+        raise BagError(str(inputs[0]), "leaves the time of bags", "shift it less")
+
+    monkeypatch.setattr(job, "merge", merge)
+    with pytest.raises(BagError, match=r"states-01\.bag: leaves the time of bags"):
+        collect(plan(session))
+    assert sorted(path.name for path in (session / "main").iterdir()) == [PARTS, "states-01.bag"]
+
+
+def test_an_open_bag_that_is_damaged_in_the_middle_tells_that_and_its_end(tmp_path):
+    """It is closed in place without a look at its data; what its end lacks lies in the gap that follows it."""
+    session = two_platforms(tmp_path)
+    before = bag(tmp_path / "before.bag", rows("/a", 300, first_ms=4000))
+    damage_data(before)
+    unclosed(before, session / "main" / "states-02.bag.active", 30)
+    bag(session / "main" / "states-03.bag", rows("/a", 30, first_ms=9000))
+    (_, entry, _) = close_parts(session / "main", FACTS)["files"]
+    assert (entry["file"], entry["lost"]) == ("states-02.bag", None)
+    summary = collect(plan(session))
+    whole = len(contents(session / "main" / "states-02.recovered.bag"))
+    assert 270 < whole < 299
+    told = [each for each in summary.lost if "states-02" in each]
+    assert told == [f"main/states-02.bag: {299 - whole} messages"]
+    assert summary.messages == 900 + whole + 30
+
+
+# --- files of which nothing can be read -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["states-02.bag.active", "states-02.bag"])
+def test_a_file_of_zeros_is_told_and_the_rest_is_merged(session, name):
+    path = session / "main" / name
+    path.write_bytes(bytes(8192))
+    content = close_parts(session / "main", FACTS)
+    assert files_of(content) == [("states-01.bag", False, 0), (name, True, None)]
+    assert content["files"][1]["problem"].startswith(f"{path}: is no bag")
+    summary = collect(plan(session))
+    words = f"main/{name}: nothing of it can be read"
+    assert (summary.lost, summary.lost_in_flight, summary.messages) == ((words,), (words,), 900)
+    assert path.read_bytes() == bytes(8192)
+
+
+def test_a_bag_that_became_zeros_after_it_was_listed_is_told_as_well(session):
+    path = session / "main" / "states-02.bag"
+    part(session / "main", ("states-02.bag", [rows("/a", 30, first_ms=9000)]))
+    path.write_bytes(bytes(path.stat().st_size))
+    assert "main/states-02.bag: nothing of it can be read" in collect(plan(session)).lost
+
+
+def test_a_bag_whose_index_is_damaged_is_made_whole_elsewhere_when_there_is_no_space_for_it(tmp_path):
+    with small_storage(tmp_path / "full", 1) as folder:
+        path = bag(folder / "states-01.bag", rows("/a", 3000))
+        path.write_bytes(path.read_bytes()[:-40])
+        (folder / "filling").write_bytes(bytes(1_000_000 - path.stat().st_size - 100_000))
+        content = close_parts(folder, FACTS)
+        assert files_of(content) == [("states-01.bag", True, None)]
+        assert "there is no space for it" in content["files"][0]["problem"]
+        (found,) = whole_bags(folder, content, tmp_path / "elsewhere")
+        assert (found.lost, len(contents(found.path))) == (0, 3000)
+
+
+def test_what_is_only_not_recovered_for_now_is_no_loss(session, monkeypatch):
+    killed(session / "main", "states-02.bag.active", rows("/a", 30, first_ms=9000))
+    with monkeypatch.context() as patched:
+        patched.setattr(parts, "recover_in_place", refused)
+        patched.setattr(parts, "recover", full)
+        close_parts(session / "main", FACTS)
+        with pytest.raises(BagError, match="there is no space for it"):
+            collect(plan(session))
+    summary = collect(plan(session))
+    assert (summary.lost, summary.messages) == ((), 930)
+
+
+def full(_, output, **__):
+    raise BagError(str(output), "there is no space for it", "make space and try again, nothing was changed")
+
+
+# --- what was lost is known although a merge was killed ---------------------------------------------------------------
+
+
+def test_a_recovery_whose_merge_was_killed_loses_nothing_that_is_not_lost(tmp_path):
+    path = killed(tmp_path / "main", "states-01.bag.active", rows("/a", 100), cut=30)
+    content = {"files": [{"file": path.name, "bytes": 1, "open": True, "lost": None}]}
+    for number, lost in ((1, None), (2, 0)):
+        here = tmp_path / f"here-{number}"
+        (first,) = whole_bags(tmp_path / "main", content, here)
+        stamp = first.path.stat().st_mtime_ns
+        (again,) = whole_bags(tmp_path / "main", content, here)
+        assert (first.lost, again) == (lost, first)
+        assert again.path.stat().st_mtime_ns == stamp, "it is not recovered twice"
+        killed(tmp_path / "main", path.name, rows("/a", 100))
+
+
+def test_killed_at_any_moment_the_next_recovery_tells_the_same(tmp_path):
+    folder, here = tmp_path / "main", tmp_path / "here"
+    path = killed(folder, "states-01.bag.active", rows("/a", 100))
+    content = {"files": [{"file": path.name, "bytes": 1, "open": True, "lost": None}]}
+    for call in every_kill(lambda: whole_bags(folder, content, here)):
+        (found,) = whole_bags(folder, content, here)
+        assert (found.lost, len(contents(found.path))) == (0, 100), call
+        shutil.rmtree(here)
+
+
+@pytest.mark.parametrize("note", [None, "{}", '{"file": "states-01.bag.active", "bytes": 1, "lost": 0}'])
+def test_where_it_is_not_written_down_what_was_lost_it_is_recovered_again(tmp_path, note):
+    path = killed(tmp_path / "main", "states-01.bag.active", rows("/a", 100), cut=30)
+    content = {"files": [{"file": path.name, "bytes": 1, "open": True, "lost": None}]}
+    (first,) = whole_bags(tmp_path / "main", content, tmp_path / "here")
+    written = tmp_path / "here" / "states-01.recovered.json"
+    written.unlink() if note is None else written.write_text(note)
+    first.path.write_bytes(b"an old one")
+    assert whole_bags(tmp_path / "main", content, tmp_path / "here") == [first]
+    assert len(contents(first.path)) == 99
+
+
+# --- a damaged chunk tells nothing of its numbers ---------------------------------------------------------------------
+
+
+def test_numbers_are_known_without_a_chunk_whose_header_is_damaged(tmp_path):
+    path = bag(tmp_path / "states-01.bag", numbered("/imu", range(1, 101), inertial, "/one"))
+    damage_head(path)
+    (numbers,) = header_numbers(path).values()
+    assert (numbers.first, numbers.last) == (1, 100)
+    (entry,) = close_parts(tmp_path, FACTS)["files"]
+    assert (entry["file"], entry["messages"]) == ("states-01.bag", 100)
