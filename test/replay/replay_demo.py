@@ -169,7 +169,17 @@ def simulated(scenario=None, mission="1"):
     return run(configuration, missions, scenario or Scenario()).lines
 
 
-def demo_bag(path, lines, *, with_journal=True, planner_phase=None, without=(), action_until_s=math.inf, flight=0):
+def demo_bag(
+    path,
+    lines,
+    *,
+    with_journal=True,
+    planner_phase=None,
+    without=(),
+    action_until_s=math.inf,
+    flight=0,
+    written=write_bag,
+):
     """Write the bag that a recorder would have made of a journal's flight: from START_RECORDING on, with sensors.
 
     Args:
@@ -180,6 +190,7 @@ def demo_bag(path, lines, *, with_journal=True, planner_phase=None, without=(), 
         without: topics that are left out.
         action_until_s: from then on, from the start of the bag, no heartbeat is recorded.
         flight: number of the mission among those of the journal.
+        written: writes the messages to the path.
     """
     payloads = [line.payload for line in read("\n".join(lines) + "\n").lines]
     decisions = [p for p in payloads if type(p).__name__ == "Decision" and p.before != p.after]
@@ -210,7 +221,7 @@ def demo_bag(path, lines, *, with_journal=True, planner_phase=None, without=(), 
         rows += [(at, "/lrf/range", distance(at, 0.1 + height_m))] if step % 5 == 0 else []
         rows += [(at, "/odometry", odometry(at))] if step % 3 == 0 else []
         rows += [(at, "/px4/gps", magnetic(at))] if step % 20 == 0 else []  # that it comes is all that counts
-    return write_bag(path, sorted((row for row in rows if row[1] not in without), key=lambda row: row[0]))
+    return written(path, sorted((row for row in rows if row[1] not in without), key=lambda row: row[0]))
 
 
 def _entry(index, line, at):

@@ -44,7 +44,7 @@ def replay(bag, topic_map=None, mission="1", overrides=(), muted=(), config=CONF
 
     plan = plan_of(load_configuration(config, overrides))
     changes = changes_of(overrides, lambda some: load_configuration(config, some), plan_of)
-    with Recordings(bags, plan.topics, muted) as recordings:
+    with Recordings(bags, plan.topics, muted, replayed=True) as recordings:
         return Session(plan, recordings, changes=changes).run(), recordings
 
 

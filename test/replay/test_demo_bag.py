@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
-import pytest
-from replay_bags import START_NS
-from replay_demo import demo_bag, simulated
-from replay_runs import moves, replay, texts
+from dataclasses import replace as changed
+from pathlib import Path
 
+import pytest
+from replay_bags import START_NS, S
+from replay_demo import demo_bag, simulated
+from replay_runs import CONFIG, moves, replay, texts
+
+from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.engine.events import CheckName, Mission, MissionSelected, UserCommand
+from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.journal.journal import read
+from amaze_autonomy.replay import maps
 from amaze_autonomy.replay.compare import compare
+from amaze_autonomy.replay.faults.stream import FaultedRecordings
+from amaze_autonomy.replay.maps.topic_map import load_map
+from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.recordings.journals import FlightLog, selection_of
+from amaze_autonomy.replay.recordings.sources import Recordings, topics_of
+from amaze_autonomy.replay.session import Session
 from amaze_autonomy.replay.timeline import LineKind
+from amaze_autonomy.simulation.scenario import Request, Scenario, Trigger
 from amaze_autonomy.tester.command import main
+
+MAPS = Path(maps.__file__).parent
 
 
 @pytest.fixture(scope="module")
@@ -23,9 +39,16 @@ def bag(flown, tmp_path_factory):
     return demo_bag(tmp_path_factory.mktemp("demo") / "demo.bag", flown)
 
 
+def payloads_of(lines):
+    return [line.payload for line in read("\n".join(lines) + "\n").lines]
+
+
 def decided(lines):
-    payloads = [line.payload for line in read("\n".join(lines) + "\n").lines]
-    return [(p.before, p.after, p.rule) for p in payloads if type(p).__name__ == "Decision" and p.before != p.after]
+    return [
+        (p.before, p.after, p.rule)
+        for p in payloads_of(lines)
+        if type(p).__name__ == "Decision" and p.before != p.after
+    ]
 
 
 def test_the_journal_of_a_simulated_flight_is_decided_again_without_difference(flown):
@@ -97,3 +120,79 @@ def test_a_status_that_holds_what_cannot_be_is_left_out_and_said(tmp_path, flown
     damage = recordings.damage["/mission_planner/status"]
     assert damage.reason == "phase is 99, must be one of 0, 1, 2, 3, 4, 5, 6, 7"
     assert moves(outcome)[-1][1] != "MISSION_ENDED"
+
+
+UNSEEN = "mission_camera is not in the recording: it is required, and takeoff does not wait for it here"
+
+
+def test_a_required_component_that_was_not_recorded_is_said_everywhere(tmp_path, flown, capsys):
+    without = ("/watchdog/info", "/watchdog/action")
+    path = demo_bag(tmp_path / "x.bag", flown, with_journal=False, without=without)
+    outcome, _ = replay(path, "amaze_demo")
+    assert "mission_camera" in outcome.scripted
+    assert "mission_camera" in outcome.unseen
+    assert f"+0.000 bag {UNSEEN}" in texts(outcome, LineKind.NOTE)
+    rows = {row.name: (row.verdict.value, row.advice) for row in outcome.checks[CheckName.WATCHDOG][1]}
+    assert rows["mission_camera"] == ("warn", "it is required, and not in the recording")
+    assert rows["lrf"][0] == "pass"
+    assert main(["run", str(path), "--map", "amaze_demo"]) == 0
+    assert f"\n{UNSEEN}.\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("more", ["", "recorded_statuses: decide\n"])
+def test_one_that_the_recorded_watchdog_speaks_of_is_not(tmp_path, bag, more):
+    topic_map = tmp_path / "own.yaml"
+    topic_map.write_text((MAPS / "amaze_demo.yaml").read_text() + more)
+    outcome, _ = replay(bag, str(topic_map))
+    assert outcome.unseen == ()
+    assert "not in the recording" not in str(outcome.checks[CheckName.WATCHDOG])
+
+
+def test_a_map_that_names_its_components_lacks_none(flight_bag, flight_map):
+    assert replay(flight_bag, str(flight_map))[0].unseen == ()
+
+
+FROM_S = 25  # it flies
+
+
+def judged_from(path, from_s):
+    """Replay the part of a recording that begins so late."""
+    plan = make_plan(load_configuration(CONFIG), load_map("amaze_demo"), "1", topics_of([path]))
+    with Recordings([path], plan.topics, replayed=True) as recordings:
+        return Session(plan, FaultedRecordings(recordings, from_s * S, None)).run()
+
+
+def test_a_part_that_begins_in_the_air_is_no_takeover(bag):
+    outcome = judged_from(bag, FROM_S)
+    assert outcome.beginning.airborne
+    states = [decision.after for decision in outcome.decisions]
+    assert "PILOT" not in states
+    assert states[-1] == "DATA_CLEANUP"
+    assert (outcome.flown, outcome.parting) == (None, None)  # its decisions began before the part
+
+
+def test_a_part_is_judged_as_a_recording_without_a_journal_from_there(tmp_path, bag, flown):
+    other = demo_bag(tmp_path / "x.bag", flown, with_journal=False)
+    assert moves(judged_from(bag, FROM_S)) == moves(judged_from(other, FROM_S))
+
+
+def test_what_the_user_asks_within_the_part_counts(tmp_path):
+    asked = Scenario(requests=(Request(command=UserCommand.LAND, trigger=Trigger(event="airborne", delay_ns=20 * S)),))
+    lines = simulated(asked)
+    path = demo_bag(tmp_path / "x.bag", lines)
+    assert "user_land" in [decision.rule for decision in judged_from(path, FROM_S).decisions]
+
+
+def test_a_part_that_begins_before_takeoff_is_led_by_the_selection_of_its_flight(bag):
+    outcome = judged_from(bag, 1)
+    assert moves(outcome) == moves(replay(bag, "amaze_demo")[0])
+    assert outcome.parting is None
+    assert len(outcome.flown) > 5
+
+
+def test_a_selection_leads_until_its_flight_has_taken_off(flown):
+    selections = (MissionSelected(t_ns=1, missions=(Mission("1"),)), MissionSelected(t_ns=50, missions=(Mission("2"),)))
+    takes_off = next(each for each in payloads_of(flown) if getattr(each, "after", "") == "TAKEOFF")
+    log = FlightLog("s", selections, (evolve(takes_off, t_ns=20),))
+    assert [selection_of(log, t_ns) for t_ns in (0, 10, 20, 30, 60)] == [1, 1, 1, 50, 50]
+    assert selection_of(changed(log, events=selections[:1]), 30) is None

@@ -44,11 +44,11 @@ TRACE = Trace(
 )
 
 
-def found(expectation, anchors=None):
+def found(expectation, anchors=None, trace=TRACE):
     head = "version: 1\ndescription: x\nanchors: {fails: {at_s: 10.0}, gone: {at_s: 1.0}}\n"
     text = f"{head}expectations:\n  - {expectation}\n"
     (case,) = parse_cases(text, Path("x.scenario.yaml"))
-    return judge(case.expectations[0], TRACE, anchors or {"fails": 10 * S, "gone": None})
+    return judge(case.expectations[0], trace, anchors or {"fails": 10 * S, "gone": None})
 
 
 def test_a_finding_says_everything():
@@ -99,8 +99,98 @@ CASES = {
     "{expect: share, of: {state: LAND}, at_most_fraction: 0.25}": ("FAIL", "missed by 0.05 of 0.25"),
 }
 
+UNFINISHED = {
+    "{expect: duration, of: {state: HOLD}, at_most_s: 4.0, to: 13.0}": (
+        "VACUOUS",
+        "2.640 s from +10.360 s, and had not ended at +13.000 s",
+    ),
+    "{expect: duration, of: {state: LAND}, at_most_s: 7.0}": (
+        "VACUOUS",
+        "6.000 s from +14.000 s, and had not ended at +20.000 s",
+    ),
+    "{expect: duration, of: {state: LAND}, at_least_s: 1.0, at_most_s: 7.0}": (
+        "VACUOUS",
+        "6.000 s from +14.000 s, and had not ended at +20.000 s",
+    ),
+    "{expect: duration, of: {state: HOLD}, at_most_s: 2.0, to: 13.0}": ("FAIL", "2.640 s from +10.360 s"),
+    "{expect: duration, of: {state: [MISSION, LAND]}, at_most_s: 5.5}": ("FAIL", "6.000 s from +14.000 s"),
+    "{expect: duration, of: {state: [MISSION, LAND]}, at_most_s: 5.2}": ("FAIL", "6.000 s from +14.000 s"),
+    "{expect: duration, of: {state: LAND}, at_least_s: 5.0}": ("PASS", "6.000 s from +14.000 s"),
+    "{expect: duration, of: {state: HOLD}, at_most_s: 4.0, to: 14.0}": ("PASS", "3.640 s from +10.360 s"),  # it ends
+}
+
+
+@pytest.mark.parametrize("expectation", UNFINISHED)
+def test_how_long_something_is_that_has_not_ended_is_not_known(expectation):
+    finding = found(expectation)
+    assert (finding.grade.value, finding.text) == UNFINISHED[expectation]
+
 
 @pytest.mark.parametrize("expectation", CASES)
 def test_grade_and_margin(expectation):
     finding = found(expectation)
     assert (finding.grade.value, finding.margin_text) == CASES[expectation]
+
+
+NOBODY = {
+    "{expect: never, of: {component: gps, code: 2}}": "nobody watched gps in this run",
+    "{expect: exists, of: {component: gps, code: 2}}": "nobody watched gps in this run",
+    "{expect: count, of: {component: gps, code: 2}, at_most: 0}": "nobody watched gps in this run",
+    "{expect: share, of: {component: gps, code: 2}, at_most_fraction: 0.0}": "nobody watched gps in this run",
+    "{expect: never, of: {failure: gps}}": "nobody watched gps in this run",
+    "{expect: sequence, of: [{rule: hold}, {failure: gps}]}": "nobody watched gps in this run",
+}
+
+
+@pytest.mark.parametrize("expectation", NOBODY)
+def test_what_nobody_watched_is_vacuous(expectation):
+    finding = found(expectation)
+    assert (finding.grade, finding.text) == (Grade.VACUOUS, NOBODY[expectation])
+
+
+@pytest.mark.parametrize("name", ["lrf", "battery_critical", "user_hold"])
+def test_what_was_watched_and_every_loss_can_fail_so_that_never_is_judged(name):
+    assert found(f"{{expect: never, of: {{failure: {name}}}, from: 12.0}}").grade is Grade.PASS
+
+
+AT_ONCE = Trace(
+    start_ns=0,
+    end_ns=20 * S,
+    decisions=(
+        decision(10, "MISSION", "MISSION", "failure_land", step="flying", values=(Value("failure", "lrf"),)),
+        decision(
+            10,
+            "MISSION",
+            "LAND",
+            "land",
+            step="commanding",
+            commands=("MissionCommand(LAND)#9", "StopRecording#10"),
+        ),
+    ),
+    states=(Span(0, 10 * S, "MISSION/flying"), Span(10 * S, 20 * S + 1, "LAND/commanding")),
+    codes={"lrf": (Span(0, 10 * S, "1"), Span(10 * S, 20 * S + 1, "16"))},
+)
+"""One event makes two decisions, the second with two commands."""
+IN_ORDER = {
+    "{expect: sequence, of: [{rule: failure_land}, {rule: land}]}": "PASS",
+    "{expect: sequence, of: [{rule: land}, {rule: failure_land}]}": "FAIL",
+    "{expect: sequence, of: [{state: LAND}, {command: LAND}]}": "PASS",
+    "{expect: sequence, of: [{rule: land}, {state: LAND}, {command: LAND}]}": "PASS",
+    "{expect: sequence, of: [{state: LAND}, {failure: lrf}]}": "FAIL",
+    "{expect: sequence, of: [{command: LAND}, {command: StopRecording}]}": "PASS",
+    "{expect: sequence, of: [{command: StopRecording}, {command: LAND}]}": "FAIL",
+    "{expect: sequence, of: [{component: lrf, code: 16}, {failure: lrf}, {command: LAND}]}": "PASS",
+    "{expect: sequence, of: [{command: LAND}, {component: lrf, code: 16}]}": "FAIL",
+    "{expect: sequence, of: [{state: MISSION}, {state: LAND}], from: 5.0}": "PASS",
+    "{expect: sequence, of: [{state: LAND}, {rule: failure_land}], from: 10.0}": "FAIL",
+    "{expect: precedence, first: {rule: failure_land}, then: {command: LAND}}": "PASS",
+    "{expect: precedence, first: {rule: land}, then: {rule: failure_land}}": "FAIL",
+    "{expect: precedence, first: {command: LAND}, then: {rule: failure_land}}": "FAIL",
+    "{expect: precedence, first: {command: LAND}, then: {command: StopRecording}}": "PASS",
+    "{expect: precedence, first: {command: StopRecording}, then: {command: LAND}}": "FAIL",
+}
+
+
+@pytest.mark.parametrize("expectation", IN_ORDER)
+def test_what_happens_at_one_moment_has_an_order(expectation):
+    assert found(expectation, trace=AT_ONCE).grade.value == IN_ORDER[expectation]

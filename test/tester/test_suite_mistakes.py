@@ -26,6 +26,14 @@ NAMED_WRONGLY = [
         "configuration: {set: {sensors.components.lrf.severty: low}}\n",
         "x.scenario.yaml:3: sensors.components.lrf.severty: is an unknown key; did you mean severity?",
     ),
+    (
+        "expectations:\n  - {expect: never, of: {state: LAND, step: flying}}\n",
+        "x.scenario.yaml:4: expectations.0.of.step: is flying; must be a step of LAND: commanding, descending",
+    ),
+    (
+        "expectations:\n  - {expect: never, of: {state: [MISSION, READY], step: flying}}\n",
+        "x.scenario.yaml:4: expectations.0.of.step: is flying; must be left out: READY has no steps",
+    ),
     ("missions: ['11']\n", "x.scenario.yaml:3: there is no mission '11'; did you mean 1?"),
     (
         "bags: [{path: no.bag}]\nmap: crazyflie_sin\n",

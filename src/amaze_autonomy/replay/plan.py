@@ -59,6 +59,11 @@ class Plan:
     elsewhere: Tuple[str, ...] = ()
 
     @property
+    def unseen(self) -> Tuple[str, ...]:
+        """Required components that a map of what is configured lacks: nobody sees them fail, which is said."""
+        return self.elsewhere if self.topic_map.as_configured else ()
+
+    @property
     def component_topics(self) -> Tuple[str, ...]:
         """Topics of all components, each once."""
         return tuple(dict.fromkeys(topic.topic for spec in self.components for topic in spec.topics))

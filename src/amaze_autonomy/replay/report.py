@@ -12,7 +12,7 @@ from ..journal.report import limit_words
 from .compare import Comparison, Difference, changed_fields
 from .plan import Plan
 from .recordings.sources import Recordings
-from .session import Outcome
+from .session import Outcome, not_recorded
 from .timeline import Line, value_text, written
 
 _S = 1_000_000_000
@@ -47,9 +47,10 @@ def footer_lines(plan: Plan, recordings: Recordings, outcome: Outcome) -> List[s
     lines = ["", f"Recording: {length_s:.3f} s, {recordings.count} messages of {len(recordings.topics)} topics"]
     for figures in recordings.figures():
         text = f"  {figures.topic:<{_WIDE}} {figures.messages:>7} messages"
-        if figures.rate_hz is not None and figures.longest_gap_at_ns is not None:
+        if figures.longest_gap_at_ns is not None:
+            rate = f"{'-':>8}   " if figures.rate_hz is None else f"{figures.rate_hz:8.2f} Hz"
             at_s = (figures.longest_gap_at_ns - outcome.start_ns) / _S
-            text += f"  {figures.rate_hz:8.2f} Hz  longest gap {figures.longest_gap_s:.3f} s at {at_s:+.3f} s"
+            text += f"  {rate}  longest gap {figures.longest_gap_s:.3f} s at {at_s:+.3f} s"
         lines.append(text)
     lines += _damage_lines(recordings, outcome)
     if outcome.checks:
@@ -63,6 +64,7 @@ def footer_lines(plan: Plan, recordings: Recordings, outcome: Outcome) -> List[s
         lines += [f"  {n}, armed {each.words(outcome.start_ns)}" for n, each in enumerate(outcome.flights, 1)]
     if outcome.scripted:
         lines.append(f"Scripted all along: {', '.join(outcome.scripted)}.")
+    lines += [f"{not_recorded(name)}." for name in outcome.unseen]
     lines += _compared_lines(outcome) + _flown_lines(outcome)
     lines += [f"VACUOUS: {each}" for each in outcome.unread]
     return [*lines, f"Map {plan.topic_map.name}, mission {plan.mission.id}: {verdict(outcome)}"]
@@ -129,8 +131,8 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
         "result": outcome.state.session.result.value,
         "decisions": len(outcome.decisions),
         "as_flown": None if outcome.flown is None else outcome.parting is None,
-        "start_ns": outcome.start_ns,
-        "end_ns": outcome.end_ns,
+        "start_ns": outcome.start_ns - recordings.shift_ns,
+        "end_ns": outcome.end_ns - recordings.shift_ns,
         "begins": _begins(outcome),
         "scripted": list(outcome.scripted),
         "flights": [

@@ -7,7 +7,7 @@ the journal of a recording is the same whenever and wherever it is made.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from itertools import zip_longest
 from typing import Any, Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
@@ -42,6 +42,7 @@ from ..journal.journal import encode_decision, encode_event, encode_header, make
 from .agenda import Agenda, Rank
 from .beginning import Beginning, Flight, Lead, armings, beginning_of, lead_of, selected_ns
 from .changed_keys import Change, ChangedKeys, Unread, recorded_facts
+from .errors import ReplayError
 from .faults.story import Story
 from .monitors.monitors import Light, Monitors
 from .monitors.upsets import upsets_of
@@ -50,7 +51,7 @@ from .peers.script import User
 from .peers.world import World
 from .plan import Plan
 from .recordings import fields
-from .recordings.journals import FlightLog, read_log
+from .recordings.journals import FlightLog, read_log, selection_of
 from .recordings.sources import Recordings, Sample
 from .recordings.statuses import FLAT
 from .timeline import Line, LineKind, Source, decision_text, joined, marked
@@ -85,7 +86,8 @@ class Outcome:
         disagreements: where what they said is not what the recorded sensors say.
         unread: changed keys of the configuration that nothing looked at.
         beginning: of the recording: on the ground, or in the air.
-        scripted: what of the vehicle and its nodes the recording never tells.
+        scripted: what of the vehicle and its nodes the recording never tells; required components among it.
+        unseen: those components: the configuration requires them, and nothing in the recording says a word of them.
         flights: armings that it tells of.
     """
 
@@ -106,6 +108,7 @@ class Outcome:
     beginning: Optional[Beginning] = None
     scripted: Tuple[str, ...] = ()
     flights: Tuple[Flight, ...] = ()
+    unseen: Tuple[str, ...] = ()
 
 
 class Session:
@@ -143,13 +146,14 @@ class Session:
         self._riding: Tuple[int, ...] = ()
         self._names: Dict[int, str] = {}
         self._script = plan.topic_map.script
-        self._log = self._read_log()
-        as_flown = self._log is not None and self._log.configuration_hash == plan.configuration_hash
+        log = self._read_log()
+        as_flown = log is not None and log.configuration_hash == plan.configuration_hash
         self._keys = ChangedKeys(plan, () if as_flown else changes)  # what flew by them is not changed by them
         self._rules = self._keys.rules
-        self._at_first = Beginning(recordings.start_ns, airborne=False) if self._log else beginning
+        self._at_first = Beginning(recordings.start_ns, airborne=False) if log and not recordings.from_ns else beginning
         if self._at_first is None:
             self._at_first = beginning_of(plan, recordings)
+        self._log, self._asked_later = self._of_part(log, airborne=self._at_first.airborne)
         self._lead: Optional[Lead] = lead_of(plan, self._at_first, _WARM_UP_NS) if self._at_first.airborne else None
         self._asked_ns = recordings.start_ns if self._log or self._lead else selected_ns(plan, recordings)
         self._begin_ns = self._beginning()
@@ -210,10 +214,9 @@ class Session:
         self._feed(EngineStarted(t_ns=self._begin_ns, label=self._label()), source)
         for event in self._story.events():
             self._agenda.at(event.t_ns, Rank.USER, self._told(event))
-        if self._log is not None:
-            for event in self._log.events:
-                self._agenda.at(event.t_ns, Rank.LOG, self._logged(event))
-        else:
+        for event in self._asked_later if self._log is None else self._log.events:
+            self._agenda.at(event.t_ns, Rank.LOG, self._logged(event))
+        if self._log is None:
             asked_ns = self._asked_ns if self._lead is None else self._lead.begin_ns + _WARM_UP_NS
             self._agenda.at(max(self._begin_ns + _STEP_NS, asked_ns), Rank.USER, self._select)
 
@@ -242,11 +245,21 @@ class Session:
         """Return when the replay begins: before the recording where the script must have played by then."""
         start_ns = self._recordings.start_ns
         if self._lead is not None:
-            return max(0, self._lead.begin_ns - _STEP_NS)
+            return self._not_before_0(self._lead.begin_ns - _STEP_NS)
         first_ns = min(start_ns, self._asked_ns)
         if self._log is not None:
             first_ns = min(start_ns, self._log.events[0].t_ns)
-        return max(0, first_ns - (_WARM_UP_NS if self._plays() else _STEP_NS))
+        return self._not_before_0(first_ns - (_WARM_UP_NS if self._plays() else _STEP_NS))
+
+    def _not_before_0(self, t_ns: int) -> int:
+        """Refuse a lead that would have to begin before time 0: cut short, it would lead to other decisions."""
+        if t_ns < 0:
+            short_s, begins_s = -t_ns / _S, self._recordings.start_ns / _S
+            raise ReplayError(
+                f"the recording begins at {begins_s:.3f} s of its clock, and the script must begin {short_s:.3f} s "
+                "before time 0 to lead up to it: read it with replayed=True"
+            )
+        return t_ns
 
     def _plays(self) -> bool:
         """Return True when the script plays topics before their recording begins."""
@@ -256,6 +269,22 @@ class Session:
             or self._asked_ns < self._recordings.start_ns
             or self._script.sensors_until_ns > 0
         )
+
+    def _of_part(self, log: Optional[FlightLog], *, airborne: bool) -> Tuple[Optional[FlightLog], Tuple[Event, ...]]:
+        """Return the log that leads the replay, and what it asks beside the script, where that leads it.
+
+        In a part of a recording nothing counts that was asked for the flight before it. What had taken off before the
+        part is led up to by the script, as in any recording; decisions are compared with those of a whole log only.
+        """
+        start_ns = self._recordings.start_ns
+        if log is None or not self._recordings.from_ns:
+            return log, ()
+        led_ns = None if airborne else selection_of(log, start_ns)
+        if led_ns is None:
+            return None, tuple(event for event in log.events if event.t_ns >= start_ns)
+        events = tuple(event for event in log.events if event.t_ns >= led_ns)
+        whole = all(decision.t_ns >= led_ns for decision in log.decisions)
+        return replace(log, events=events, decisions=log.decisions if whole else ()), ()
 
     def _read_log(self) -> Optional[FlightLog]:
         topic = self._plan.topic_map.statuses.get("journal", "")
@@ -268,7 +297,8 @@ class Session:
         """Return the prefix of session ids: that of the flight, or the time of the recording, not of the replay."""
         if self._log is not None:
             return self._log.label
-        start = datetime.fromtimestamp(self._recordings.start_ns // _S, tz=timezone.utc)
+        recorded_ns = self._recordings.start_ns - self._recordings.shift_ns
+        start = datetime.fromtimestamp(recorded_ns // _S, tz=timezone.utc)
         return start.strftime("%Y%m%dT%H%M%S")
 
     def _header(self) -> Dict[str, Any]:
@@ -281,9 +311,10 @@ class Session:
             map=plan.topic_map.name,
             mission=to_plain(plan.mission),
             recording={
-                "start_ns": recordings.start_ns,
-                "end_ns": recordings.end_ns,
+                "start_ns": recordings.start_ns - recordings.shift_ns,
+                "end_ns": recordings.end_ns - recordings.shift_ns,
                 "messages": recordings.count,
+                **({"shift_ns": recordings.shift_ns} if recordings.shift_ns else {}),
             },
         )
 
@@ -434,13 +465,17 @@ class Session:
         evidence.end()
         self._world.recorded.end(end_ns)
         parting = None
-        if self._log is not None:
-            parting = part(self._log.decisions, tuple(self._decisions), min(end_ns - _S, self._log.end_ns))
+        log = self._log if self._log is not None and (self._log.decisions or not self._recordings.from_ns) else None
+        if log is not None:
+            parting = part(log.decisions, tuple(self._decisions), min(end_ns - _S, log.end_ns))
         missed, since_ns = evidence.action, evidence.counterfactual_ns
         if parting is not None and (since_ns is None or parting.t_ns < since_ns):
             missed, since_ns = None, parting.t_ns
         words = f"the recording ends in {self._state.state.value}"
         self._lines.append(Line(end_ns, Source.BAG, LineKind.NOTE, words))
+        unseen = tuple(name for name in self._plan.unseen if name not in self._world.recorded.told)
+        start_ns = self._recordings.start_ns
+        self._lines += [Line(start_ns, Source.BAG, LineKind.NOTE, not_recorded(name), 1) for name in unseen]
         upsets = upsets_of(self._plan, self._recordings, self._statuses, flown="landed" in self._facts())
         lines = sorted([*self._lines, *upsets], key=lambda line: line.t_ns)
         return Outcome(
@@ -453,14 +488,15 @@ class Session:
             missed=missed,
             checks=dict(self._world.answers.last),
             decisions=tuple(self._decisions),
-            flown=None if self._log is None else self._log.decisions,
+            flown=None if log is None else log.decisions,
             parting=parting,
             compared=self._world.recorded.compared,
             disagreements=tuple(self._world.recorded.disagreements),
             unread=self._unread(),
             beginning=self._at_first,
             flights=armings(self._world.motors, end_ns),
-            scripted=tuple(name for name in _SCRIPTED if name not in self._facts()),
+            scripted=(*(name for name in _SCRIPTED if name not in self._facts()), *unseen),
+            unseen=unseen,
         )
 
     def _facts(self) -> FrozenSet[str]:
@@ -481,6 +517,11 @@ def _periods_ns(recordings: Recordings) -> Dict[str, int]:
         if len(times) > 1:
             found[topic] = int(np.median(np.diff(times)))
     return found
+
+
+def not_recorded(name: str) -> str:
+    """Return what is said of a required component of which the recording has no word."""
+    return f"{name} is not in the recording: it is required, and takeoff does not wait for it here"
 
 
 def _said(value: Any) -> str:

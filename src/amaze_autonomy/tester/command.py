@@ -212,7 +212,7 @@ def _run(options: argparse.Namespace) -> int:
         lambda some: load_configuration(before, some),
         lambda each: make_plan(each, topic_map, mission_id, recorded),
     )
-    with Recordings(options.bags, plan.topics, options.mute, options.memory) as recordings:
+    with Recordings(options.bags, plan.topics, options.mute, options.memory, replayed=True) as recordings:
         if options.flights:
             show_lines([*recordings.problems, *_each_flight(plan, recordings)])
             return PARTIAL if _is_partial(recordings) else DONE

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
 
 from amaze_autonomy.bags.other_formats import content_files
 from amaze_autonomy.config.errors import ConfigError
@@ -24,7 +24,7 @@ from amaze_autonomy.whole_file import sha256_of
 
 from ..engine.events import Mission
 from ..engine.rules import ComponentRule
-from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
+from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, make_header, rules_of
 from ..journal.trace import Trace, trace_of
 from ..replay.beginning import beginning_of
 from ..replay.changed_keys import DecidedKeys, Part, Unread, changes_of, keys_of, written
@@ -35,7 +35,7 @@ from ..replay.faults.stream import TIMING, FaultedRecordings
 from ..replay.maps.topic_map import TopicMap, load_map, map_names
 from ..replay.plan import Plan, make_plan
 from ..replay.recordings.journals import read_journals
-from ..replay.recordings.sources import Recordings, topics_of
+from ..replay.recordings.sources import Recordings, silence, topics_of
 from ..replay.session import Outcome, Session
 from .expect.model import Pattern, instants
 from .scenario.files import meant, place_of
@@ -165,12 +165,12 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     )
     if rules is not None:
         plan = replace(plan, rules=replace(rules, components=_rows(plan.rules, rules)))
-    with Recordings(paths, plan.topics, memory=case.memory) as recordings:
+    with Recordings(paths, plan.topics, memory=case.memory, replayed=True) as recordings:
         part = FaultedRecordings(recordings, case.from_ns, case.to_ns)
         if not part.samples:
             place = place_of(case.path, ("from_s",), ("to_s",), ("bags",))
             raise ReplayError(f"{place}: there is no message between from_s and to_s")
-        broken = _needs(case, part)
+        broken = _needs(case, plan, part)
         beginning = beginning_of(plan, part)
         acting, requests = _times(case, plan, part)
         part.apply(acting, case.seed)
@@ -245,23 +245,27 @@ def _map(case: Case) -> TopicMap:
     return load_map(name)
 
 
-def _needs(case: Case, part: FaultedRecordings) -> List[str]:
+def _needs(case: Case, plan: Plan, part: FaultedRecordings) -> List[str]:
     """Return which needs the recording does not meet, before any fault."""
-    figures = {each.topic: each for each in part.figures()}
+    times = {topic: part.times(rank) for rank, topic in enumerate(part.topics)}
     broken: List[str] = []
     for need in case.needs:
-        found = figures.get(need.topic)
-        if found is None or not found.messages:
-            right = meant(need.topic, (topic for topic in figures if figures[topic].messages))
+        found = times.get(need.topic)
+        if found is None or not len(found):
+            right = meant(need.topic, (topic for topic in times if len(times[topic])))
             broken.append(
                 f"{need.topic}: is needed, and the map does not read it or the recording does not have it; {right}"
             )
             continue
-        rate_hz, gap_s = found.rate_hz or 0.0, found.longest_gap_s or 0.0
+        # What the script plays until a topic begins is not missing; what a topic lacks when it has ended is.
+        begin_ns = min(int(found[0]), part.start_ns + plan.topic_map.script.sensors_until_ns)
+        rate_hz = (len(found) - 1) * _S / max(1, part.end_ns - begin_ns)
+        gap_ns, at_ns = silence(found, begin_ns, part.end_ns)
         if rate_hz < need.rate_hz:
             broken.append(f"{need.topic}: {rate_hz:.2f} Hz, at least {need.rate_hz:g} Hz are needed")
-        if need.gap_ns is not None and gap_s * _S > need.gap_ns:
-            broken.append(f"{need.topic}: silent for {gap_s:.3f} s, at most {need.gap_ns / _S:g} s are allowed")
+        if need.gap_ns is not None and gap_ns > need.gap_ns:
+            when = f"at {(at_ns - part.start_ns) / _S:+.3f} s, at most {need.gap_ns / _S:g} s are allowed"
+            broken.append(f"{need.topic}: silent for {gap_ns / _S:.3f} s {when}")
     return broken
 
 
@@ -440,15 +444,22 @@ def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Playe
         raise ReplayError(f"{case.journal}: holds several journals; take one of them")
     named = options.configuration or options.overrides or case.configuration is not None or case.overrides
     keys, blind = _decided_keys(case, options, rules)
-    if rules is None and named:
-        rules = configuration_of(case, options).rules
-    rules = rules_of(journal.lines[0], rules)
-    header = journal.lines[0].payload
-    lines = _decided((line.payload for line in journal.lines), keys.followed(rules))
-    lines = [encode_header(header), *lines] if isinstance(header, dict) else lines
+    configuration = configuration_of(case, options) if rules is None and named else None
+    rules = rules_of(journal.lines[0], rules if configuration is None else configuration.rules)
+    header = _header_again(journal.lines[0].payload, rules, configuration)
+    lines = [header, *_decided((line.payload for line in journal.lines), keys.followed(rules))]
     broken = (f"{case.journal}: the end of the journal is cut off",) if journal.truncated else ()
     unread = (*blind, *keys.unread(_not_asked))
     return Played(tuple(lines), trace_of(lines), tuple(map(str, unread)), broken, unread=unread)
+
+
+def _header_again(old: object, rules: Rules, configuration: Optional[Configuration]) -> str:
+    """Return a journal's header with the rules that it is decided by now: the laws are checked by them, too."""
+    told: Dict[str, Any] = dict(old) if isinstance(old, dict) else {}
+    if configuration is not None:
+        told.update(configuration=configuration.effective, hash=configuration.hash)
+    said = make_header(rules, told.get("configuration", {}), told.get("hash", ""))
+    return encode_header({**told, **said})
 
 
 def _not_asked(_: Configuration, parts: Sequence[Part]) -> str:
@@ -464,8 +475,10 @@ def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Play
     except JournalError as error:
         raise ReplayError(f"{case.path}: events, {error}") from error
     keys, blind = _decided_keys(case, options, rules)
-    rules = replace(configuration_of(case, options).rules if rules is None else rules, checks=case.checks)
-    lines = _decided(payloads, keys.followed(rules))
+    configuration = configuration_of(case, options)
+    rules = replace(configuration.rules if rules is None else rules, checks=case.checks)
+    header = encode_header(make_header(rules, configuration.effective, configuration.hash, program="amaze-replay"))
+    lines = [header, *_decided(payloads, keys.followed(rules))]
     unread = (*blind, *keys.unread(_not_asked))
     return Played(tuple(lines), trace_of(lines), tuple(map(str, unread)), unread=unread)
 

@@ -18,12 +18,11 @@ from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.replay.compare import broken_words, laws_of_lines
 from amaze_autonomy.simulation.errors import SimulationError
 
-from ..engine.failsafe import FAILSAFE_CONDITIONS, USER_HOLD
 from ..journal.journal import JournalError, encode_decision
 from ..journal.trace import Trace
 from ..replay.errors import DamagedInputError, NoMessagesError, ReplayError, TimeJumpError
 from .expect import Finding, Grade, judge
-from .expect.model import Pattern, about, instants
+from .expect.model import LOSSES, Pattern, about, instants
 from .golden import compare_with_golden
 from .play import Played, configuration_of, play
 from .scenario import Case, load_cases
@@ -89,6 +88,11 @@ def run_case(case: Case, task: Task) -> Result:
     played = play(case, task.options)
     trace = played.trace
     lawful = laws_of_lines(played.lines)
+    if lawful.different:
+        raise ReplayError(
+            f"the laws were checked on other decisions than the test judges: {lawful.different} are different when "
+            "the run's journal is decided again"
+        )
     unlawful = tuple(broken_words(each, lawful.start_ns) for each in lawful.judged.broken)
     check_names(case, trace, lambda: [row.name for row in configuration_of(case, task.options).rules.components])
     anchors = anchor_times(case.anchors, trace)
@@ -254,10 +258,8 @@ def peak_mb() -> float:
 
 
 # --- names ------------------------------------------------------------------------------------------------------------
-# Are there the components and losses that expectations and anchors name? What nobody watches never fails.
-
-
-_LOSSES = (*(row.name for row in FAILSAFE_CONDITIONS), USER_HOLD)
+# Are there the components and losses that expectations and anchors name? One that is configured and that nobody watched
+# in the run is no mistake of the file: its expectation is VACUOUS.
 
 
 def check_names(case: Case, trace: Trace, configured: Callable[[], Iterable[str]]) -> None:
@@ -274,12 +276,12 @@ def check_names(case: Case, trace: Trace, configured: Callable[[], Iterable[str]
     seen: Set[str] = {*trace.codes, *(name for name in map(about, trace.decisions) if name)}
     for where, pattern in _patterns(case):
         name = pattern.component or pattern.failure
-        if not name or name in seen or (pattern.failure and name in _LOSSES):
+        if not name or name in seen or (pattern.failure and name in LOSSES):
             continue
         known = [*configured(), *sorted(seen)]
         if name not in known:
             kind = "component" if pattern.component else "component and no loss"
-            right = meant(name, [*known, *(_LOSSES if pattern.failure else ())])
+            right = meant(name, [*known, *(LOSSES if pattern.failure else ())])
             raise ReplayError(f"{where}: there is no {kind} {name}; {right}")
 
 

@@ -37,6 +37,18 @@ def test_figures_say_rate_and_the_longest_gap(tmp_path):
         assert recordings.figures() == (TopicFigures("/a", 5, 4 / 6, 3.0, START_NS + 2 * S), TopicFigures("/b", 0))
 
 
+def test_a_topic_is_silent_before_its_first_message_and_after_its_last(tmp_path):
+    rows = [(START_NS + t * S, "/a", number(t)) for t in (0, 1, 2)]
+    rows += [(START_NS + t * S, "/b", number(t)) for t in (4, 5, 7)]
+    bag = write_bag(tmp_path / "x.bag", [*rows, (START_NS + 3 * S, "/c", number(0))])
+    with Recordings([bag], ("/a", "/b", "/c")) as recordings:
+        assert recordings.figures() == (
+            TopicFigures("/a", 3, 1.0, 5.0, START_NS + 2 * S),
+            TopicFigures("/b", 3, 2 / 3, 4.0, START_NS),
+            TopicFigures("/c", 1, None, 4.0, START_NS + 3 * S),
+        )
+
+
 def test_start_and_end_are_those_of_the_recording_not_of_the_map(tmp_path):
     bag = write_bag(tmp_path / "x.bag", [(START_NS, "/other", number(0)), (START_NS + S, "/a", number(1))])
     with Recordings([bag], ("/a",)) as recordings:

@@ -39,6 +39,7 @@ class FaultedRecordings(Recordings):
         self._inner = inner
         self.bags, self.topics, self.muted = inner.bags, inner.topics, inner.muted
         self.damage, self.problems, self.cuts, self.missing = inner.damage, inner.problems, inner.cuts, inner.missing
+        self.shift_ns, self.from_ns = inner.shift_ns, from_ns
         self._start_ns = inner.start_ns + from_ns
         self._end_ns = inner.end_ns if to_ns is None else min(inner.end_ns, inner.start_ns + to_ns)
         if self._end_ns < inner.end_ns:  # what came after the end of the file is not of this part

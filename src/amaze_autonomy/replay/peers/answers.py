@@ -27,6 +27,8 @@ from ..plan import Plan
 from ..timeline import Source
 from .recorded_nodes import RecordedNodes
 
+NOT_RECORDED = "it is required, and not in the recording"
+
 
 class Recorded(NamedTuple):
     """How a check is answered by a recording.
@@ -104,9 +106,10 @@ class Answers:
         needed = (each for each in others if each.name in self._plan.elsewhere)
         rows = tuple(_component_row(each, tolerated=each.name in tolerated) for each in needed)
         good = all(row.passed for row in rows)
+        unseen = (name for name in self._plan.unseen if name not in self._recorded.foreign)
         return {
             "ok": verdict.ready and good,
-            "checks": (*verdict.checks, *rows),
+            "checks": (*verdict.checks, *rows, *map(_unseen_row, unseen)),
             "fixable": verdict.fixable and good,
             "being_fixed": verdict.being_fixed and good,
             "until_ns": verdict.until_ns,
@@ -162,6 +165,11 @@ def _component_row(status: ComponentStatus, *, tolerated: bool) -> Check:
     if status.code is Code.NON_CRITICAL and tolerated:
         verdict = Verdict.WARN
     return Check(status.name, verdict, float(status.code), float(Code.NOMINAL), "code", None, status.reason)
+
+
+def _unseen_row(name: str) -> Check:
+    """Return the row of a required component that was not recorded: a warning, as nobody knows how it was."""
+    return Check(name, Verdict.WARN, advice=NOT_RECORDED)
 
 
 def _explained(found: Dict[str, Any]) -> Dict[str, Any]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Dict, Iterable, List, Mapping, Optional, Tuple
+from typing import Dict, Iterable, List, Mapping, Optional, Set, Tuple
 
 from amaze_autonomy.engine.events import ComponentStatus, Landed, WatchdogAction, WatchdogInfo
 from amaze_autonomy.engine.rules import Code
@@ -74,6 +74,7 @@ class RecordedNodes:
 
     Attributes:
         foreign: what the recorded watchdog said of components of which the recording has no topic, by name.
+        told: the names of all of them that it ever said a word of.
         disagreements: that have ended.
     """
 
@@ -92,6 +93,7 @@ class RecordedNodes:
         self._stands = False
         self._pairs: Dict[str, _Pair] = {}
         self.foreign: Dict[str, ComponentStatus] = {}
+        self.told: Set[str] = set()
         self.disagreements: List[Disagreement] = []
 
     @property
@@ -134,6 +136,7 @@ class RecordedNodes:
             whole: all of them; else those at 4 and above.
         """
         others = {each.name: each for each in components if each.name not in self._own}
+        self.told.update(others)
         kept = {} if whole else {name: each for name, each in self.foreign.items() if each.code < Code.INCONVENIENT}
         before, self.foreign = self.foreign, {**kept, **others}
         return before != self.foreign

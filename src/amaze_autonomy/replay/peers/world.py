@@ -254,6 +254,7 @@ class World:
             return
         if isinstance(event, WatchdogInfo):
             self.answers.recorded_info = event
+            self.recorded.told.update(each.name for each in event.components)
             self._note_components(event.components, t_ns, Source.BAG)
         elif isinstance(event, LandedStatus):
             self.answers.recorded_landed = event

@@ -10,7 +10,7 @@ from amaze_autonomy.bags import BagError, Recording
 from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionRejected, MissionSelected, Shutdown, UserRequest
-from amaze_autonomy.engine.state import evolve
+from amaze_autonomy.engine.state import State, evolve
 
 from ...journal.journal import DeltaDecoder, Journal, JournalError, decode, read
 from ..errors import JournalGapError, ReplayError
@@ -171,6 +171,20 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
     offset_ns = min(ways)
     events, decisions = _moved(asked, offset_ns), _moved(made, offset_ns)
     return FlightLog(label, events, decisions, last_ns + offset_ns, offset_ns, flown_by)
+
+
+def selection_of(log: FlightLog, begin_ns: int) -> Optional[int]:
+    """Return when the mission was selected that takes off first from a time on; None: the log does not tell.
+
+    That is before the time where nothing has taken off since the selection.
+    """
+    selected = [event.t_ns for event in log.events if isinstance(event, MissionSelected)]
+    before = [t_ns for t_ns in selected if t_ns < begin_ns]
+    if before:
+        since = (each for each in log.decisions if before[-1] <= each.t_ns < begin_ns)
+        if not any(each.after == State.TAKEOFF.value for each in since):
+            return before[-1]
+    return next((t_ns for t_ns in selected if t_ns >= begin_ns), None)
 
 
 def _moved(found: Sequence[T], offset_ns: int) -> Tuple[T, ...]:

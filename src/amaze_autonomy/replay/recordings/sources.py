@@ -7,6 +7,7 @@ connections, on the compression or on the order of a hash table.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -75,8 +76,8 @@ class TopicFigures:
     Args:
         topic: its name.
         messages: how many.
-        rate_hz: over all of it; None for fewer than two messages.
-        longest_gap_s: between two messages; None for fewer than two.
+        rate_hz: from its first to its last message; None for fewer than two.
+        longest_gap_s: between two messages, before the first or after the last; None for no message.
         longest_gap_at_ns: when that gap began.
     """
 
@@ -95,6 +96,11 @@ class Recordings:
         topics: that are wanted; the place of a topic is its rank.
         muted: topics that are read as if they were not there.
         memory: bytes that the data of a chunk may take, decompressed.
+        replayed: the script plays what led to it, so that there must be room for it in its time.
+
+    Attributes:
+        shift_ns: what is added to all its times, those in the messages' headers as well; 0 unless it is `replayed` and
+            its times are near 0.
 
     Raises:
         BagError: A bag cannot be read.
@@ -104,7 +110,13 @@ class Recordings:
     """
 
     def __init__(
-        self, paths: Sequence[Path], topics: Sequence[str], muted: Sequence[str] = (), memory: int = MEMORY
+        self,
+        paths: Sequence[Path],
+        topics: Sequence[str],
+        muted: Sequence[str] = (),
+        memory: int = MEMORY,
+        *,
+        replayed: bool = False,
     ) -> None:
         self.bags: List[Any] = []  # bags, and telemetry logs with the face of bags
         self.topics, self.muted = tuple(topics), tuple(muted)
@@ -114,14 +126,17 @@ class Recordings:
         self._read: Dict[int, Tuple[str, ...]] = {}
         self._statuses: Dict[Tuple[int, int], Sequence[Optional[Event]]] = {}
         try:
-            self._open(paths, memory)
+            self._open(paths, memory, replayed=replayed)
         except BaseException:
             self.close()
             raise
 
-    def _open(self, paths: Sequence[Path], memory: int) -> None:
+    def _open(self, paths: Sequence[Path], memory: int, *, replayed: bool) -> None:
         for path in paths:
             self.bags.extend(recordings_of(path, memory))
+        if replayed and any(bag.start_ns is not None and bag.start_ns < _NEAR_ZERO_NS for bag in self.bags):
+            self.shift_ns = SHIFT_NS
+            self.bags = [Shifted(bag) for bag in self.bags]
         self.bags.sort(key=lambda bag: (bag.start_ns or 0, bag.path.name))
         known = tuple(sorted({topic.name for bag in self.bags for topic in bag.topics}))
         for topic in self.muted:
@@ -136,6 +151,8 @@ class Recordings:
         self._check_times()
 
     faulted = False  # it is what was recorded
+    shift_ns = 0
+    from_ns = 0  # it is whole at its beginning
     _samples: Optional[List[Sample]] = None
     _figures: Optional[Tuple[TopicFigures, ...]] = None
 
@@ -286,7 +303,9 @@ class Recordings:
     def figures(self) -> Tuple[TopicFigures, ...]:
         """Return what the index says of each wanted topic."""
         if self._figures is None:
-            self._figures = tuple(_figures(topic, self.times(rank)) for rank, topic in enumerate(self.topics))
+            begin_ns, end_ns = self.start_ns, self.end_ns
+            ranks = enumerate(self.topics)
+            self._figures = tuple(_figures(topic, self.times(rank), begin_ns, end_ns) for rank, topic in ranks)
         return self._figures
 
     def _of_topic(self, rank: int) -> _Columns:
@@ -316,7 +335,7 @@ class Recordings:
         times = np.concatenate(([self.start_ns], np.sort(np.concatenate(parts)), [self.end_ns]))
         jumps = np.flatnonzero(np.diff(times) > _JUMP_NS)
         if len(jumps):
-            raise TimeJumpError(self._names(), *times[jumps[0] : jumps[0] + 2].tolist())
+            raise TimeJumpError(self._names(), *(times[jumps[0] : jumps[0] + 2] - self.shift_ns).tolist())
 
     def _names(self) -> str:
         return ", ".join(bag.path.name for bag in self.bags)
@@ -347,13 +366,69 @@ def problems_of(bags: Iterable[Any]) -> Tuple[str, ...]:
     return tuple(words for words in said if words)
 
 
-def _figures(topic: str, times: Any) -> TopicFigures:
-    if len(times) < 2 or times[-1] == times[0]:  # noqa: PLR2004
-        return TopicFigures(topic, len(times))
-    gaps = np.diff(times)
+def _figures(topic: str, times: Any, begin_ns: int, end_ns: int) -> TopicFigures:
+    if not len(times):
+        return TopicFigures(topic, 0)
+    gap_ns, at_ns = silence(times, begin_ns, end_ns)
+    length_ns = int(times[-1]) - int(times[0])
+    rate = (len(times) - 1) * _S / length_ns if length_ns else None
+    return TopicFigures(topic, len(times), rate, gap_ns / _S, at_ns)
+
+
+def silence(times: Any, begin_ns: int, end_ns: int) -> Tuple[int, int]:
+    """Return the longest time without a message in a range, and when it began; a topic that has ended is silent."""
+    inner = times[(times > begin_ns) & (times < end_ns)]
+    marks = np.concatenate(([begin_ns], inner, [end_ns]))
+    gaps = np.diff(marks)
     longest = int(gaps.argmax())
-    rate = (len(times) - 1) * _S / (int(times[-1]) - int(times[0]))
-    return TopicFigures(topic, len(times), rate, int(gaps[longest]) / _S, int(times[longest]))
+    return int(gaps[longest]), int(marks[longest])
+
+
+# --- times near 0 -----------------------------------------------------------------------------------------------------
+# Of a simulated or a booting clock. The script plays before a recording, and no event has a time below 0: so all times
+# of such a recording are moved by one constant, and it is decided as it would be with the times of any other day.
+
+
+SHIFT_NS = 86_400 * _S
+_NEAR_ZERO_NS = 3600 * _S  # no lead of a script is as long
+
+
+class Shifted:
+    """A recording with all its times later by SHIFT_NS; its messages are read one by one."""
+
+    def __init__(self, bag: Any) -> None:
+        self._bag = bag
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._bag, name)
+
+    @property
+    def start_ns(self) -> Optional[int]:
+        """Time of its first message; None: it has none."""
+        return None if self._bag.start_ns is None else self._bag.start_ns + SHIFT_NS
+
+    @property
+    def end_ns(self) -> Optional[int]:
+        """Time of its last message; None: it has none."""
+        return None if self._bag.end_ns is None else self._bag.end_ns + SHIFT_NS
+
+    def entries(self, topic: str) -> List[Entry]:
+        """Return the messages of a topic, not read yet."""
+        return [entry._replace(t_ns=entry.t_ns + SHIFT_NS) for entry in self._bag.entries(topic)]
+
+    def message(self, entry: Entry) -> Any:
+        """Return a message with the time of its header moved; a time of 0 says nothing, and stays.
+
+        Raises:
+            MessageError: It is damaged.
+        """
+        message = copy(self._bag.message(entry._replace(t_ns=entry.t_ns - SHIFT_NS)))
+        stamp = getattr(getattr(message, "header", None), "stamp", None)
+        if stamp is not None and (stamp.sec or stamp.nanosec):
+            message.header = copy(message.header)
+            message.header.stamp = copy(stamp)
+            message.header.stamp.sec += SHIFT_NS // _S
+        return sent_by(message, self._bag.caller(entry.connection)) if isinstance(self._bag, Recording) else message
 
 
 # --- opening ----------------------------------------------------------------------------------------------------------

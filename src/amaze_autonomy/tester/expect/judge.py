@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from ...journal.trace import Span, Trace
-from .model import Expectation, Finding, Grade, Pattern, instants, spans
+from .model import Expectation, Finding, Grade, Moment, Pattern, instants, moments, spans, unwatched
 
 _NS = 1e9
+_DURATIONS = ("at_least_s", "at_most_s")
+_WORST = (Grade.FAIL, Grade.VACUOUS, Grade.PASS)
 
 
 class Window(NamedTuple):
@@ -32,13 +34,23 @@ class _Look(NamedTuple):
         return self.expectation.number(key)
 
     def found(self, key: str) -> List[int]:
-        return [t_ns for t_ns in instants(self.expectation.pattern(key), self.trace) if self.window.holds(t_ns)]
+        return [moment.t_ns for moment in self.moments(key)]
+
+    def moments(self, key: str) -> List[Moment]:
+        found = moments(self.expectation.pattern(key), self.trace)
+        return [moment for moment in found if self.window.holds(moment.t_ns)]
 
     def lasting(self, pattern: Pattern) -> List[Span]:
         """Return the spans of a condition, cut to the window; those that do not touch it are left out."""
         begin, end = self.window.begin_ns, self.window.end_ns
         cut = (Span(max(s.begin_ns, begin), min(s.end_ns, end), s.value) for s in spans(pattern, self.trace))
         return [span for span in cut if span.end_ns > span.begin_ns]
+
+    def goes_on(self, span: Span) -> bool:
+        """Tell whether a span was cut by the window's end: what ends just there has ended."""
+        end_ns = self.window.end_ns
+        whole = spans(self.expectation.pattern("of"), self.trace)
+        return span.end_ns == end_ns and any(each.begin_ns < end_ns < each.end_ns for each in whole)
 
     def time(self, t_ns: int) -> str:
         return f"{self.trace.seconds(t_ns):+.3f} s"
@@ -65,6 +77,9 @@ def judge(expectation: Expectation, trace: Trace, anchors: Mapping[str, Optional
     window = _window(expectation, trace, anchors)
     if isinstance(window, str):
         return _finding(expectation, trace, None, _Found(Grade.VACUOUS, window))
+    blind = [name for name in (unwatched(pattern, trace) for _, pattern in expectation.patterns) if name]
+    if blind:
+        return _finding(expectation, trace, window, _Found(Grade.VACUOUS, f"nobody watched {blind[0]} in this run"))
     return _finding(expectation, trace, window, _JUDGES[expectation.kind.name](_Look(expectation, trace, window)))
 
 
@@ -151,38 +166,38 @@ def _response(look: _Look) -> _Found:
 
 
 def _precedence(look: _Look) -> _Found:
-    then = look.found("then")
+    then = look.moments("then")
     if not then:
         return _Found(Grade.VACUOUS, f"{look.expectation.pattern('then')} does not happen between {_ends(look)}")
-    first = look.found("first")
+    first = look.moments("first")
     if not first or first[0] > then[0]:
-        return _Found(Grade.FAIL, f"{look.expectation.pattern('then')} at {look.time(then[0])} came first")
-    gap_s = (then[0] - first[0]) / _NS
-    return _Found(Grade.PASS, f"{look.time(first[0])} before {look.time(then[0])}", gap_s, None, "s")
+        return _Found(Grade.FAIL, f"{look.expectation.pattern('then')} at {look.time(then[0].t_ns)} came first")
+    begin_ns, end_ns = first[0].t_ns, then[0].t_ns
+    return _Found(Grade.PASS, f"{look.time(begin_ns)} before {look.time(end_ns)}", (end_ns - begin_ns) / _NS, None, "s")
 
 
 def _sequence(look: _Look) -> _Found:
-    times: List[int] = []
-    used: List[Tuple[Pattern, int]] = []
+    reached = Moment(look.window.begin_ns)
+    used: List[Tuple[Pattern, Moment]] = []
     for _, pattern in look.expectation.patterns:
-        after_ns = times[-1] if times else look.window.begin_ns
-        seen = instants(pattern, look.trace)
-        options = [t for t in seen if after_ns <= t <= look.window.end_ns and (pattern, t) not in used]
-        t_ns = _next(pattern, look, options, len(times))
-        if t_ns is None:
-            return _Found(Grade.FAIL, f"no {pattern} after {look.time(after_ns)}, step {len(times) + 1}")
-        times.append(t_ns)
-        used.append((pattern, t_ns))
+        seen = moments(pattern, look.trace)
+        options = [m for m in seen if m >= reached and m.t_ns <= look.window.end_ns and (pattern, m) not in used]
+        moment = _next(pattern, look, options, len(used))
+        if moment is None:
+            return _Found(Grade.FAIL, f"no {pattern} after {look.time(reached.t_ns)}, step {len(used) + 1}")
+        reached = moment
+        used.append((pattern, moment))
     within_s = look.number("within_s")
-    took_s = (times[-1] - look.window.begin_ns) / _NS
-    text = f"{len(times)} in order until {look.time(times[-1])}"
+    took_s = (reached.t_ns - look.window.begin_ns) / _NS
+    text = f"{len(used)} in order until {look.time(reached.t_ns)}"
     return _Found(Grade.PASS, text) if within_s is None else _limited(text, within_s - took_s, within_s, "s")
 
 
-def _next(pattern: Pattern, look: _Look, options: Iterable[int], number: int) -> Optional[int]:
-    """Return the first time of a step; the first step may have begun before the window."""
-    if number == 0 and pattern.lasts and any(s.begin_ns == look.window.begin_ns for s in look.lasting(pattern)):
-        return look.window.begin_ns
+def _next(pattern: Pattern, look: _Look, options: Iterable[Moment], number: int) -> Optional[Moment]:
+    """Return the first moment of a step; the first step may have begun before the window."""
+    begin_ns = look.window.begin_ns
+    if number == 0 and pattern.lasts and any(s.begin_ns < begin_ns < s.end_ns for s in spans(pattern, look.trace)):
+        return Moment(begin_ns)
     return next(iter(options), None)
 
 
@@ -195,12 +210,17 @@ def _duration(look: _Look) -> _Found:
     found = look.lasting(look.expectation.pattern("of"))
     if not found:
         return _Found(Grade.VACUOUS, f"{look.expectation.pattern('of')} does not happen between {_ends(look)}")
-    lengths = [((span.end_ns - span.begin_ns) / _NS, span.begin_ns) for span in found]
-    results = [
-        _bounded(look, length, ("at_least_s", "at_most_s"), "s", f"{length:.3f} s from {look.time(begin)}")
-        for length, begin in lengths
-    ]
-    return min(results, key=lambda found: (found.grade is not Grade.FAIL, found.margin or 0.0))
+    results = [_length(look, span) for span in found]
+    return min(results, key=lambda found: (_WORST.index(found.grade), found.margin or 0.0))
+
+
+def _length(look: _Look, span: Span) -> _Found:
+    """Judge how long one span is; of one that goes on at the window's end only the least is known."""
+    length = (span.end_ns - span.begin_ns) / _NS
+    found = _bounded(look, length, _DURATIONS, "s", f"{length:.3f} s from {look.time(span.begin_ns)}")
+    if found.grade is Grade.FAIL or look.number(_DURATIONS[1]) is None or not look.goes_on(span):
+        return found
+    return _Found(Grade.VACUOUS, f"{found.text}, and had not ended at {look.time(span.end_ns)}")
 
 
 def _share(look: _Look) -> _Found:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import List, Mapping, Optional, Tuple, Union
+from itertools import repeat
+from typing import Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from amaze_autonomy.config.document import Entry, Items, Scalar, Table
 from amaze_autonomy.config.kinds import Address, Choice, Kind, ListOf, Number, Places, Text, Whole, described, refuse
 from amaze_autonomy.config.schema import REQUIRED, Group, Key
 from amaze_autonomy.engine.commands import Decision, MissionAction
+from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS, USER_HOLD
 from amaze_autonomy.engine.state import State, Step
 from amaze_autonomy.engine.transitions import TRANSITIONS
 
@@ -59,28 +61,81 @@ class Pattern:
         return next(f"{word} {value}" for word, value in kinds if value)
 
 
-def instants(pattern: Pattern, trace: Trace) -> Tuple[int, ...]:
-    """Return when a pattern happens, in order: a condition happens when it begins."""
+LOSSES = (*(row.name for row in FAILSAFE_CONDITIONS), USER_HOLD)
+"""What the engine itself looks at in every run, so that a decision can be about it."""
+
+
+def unwatched(pattern: Pattern, trace: Trace) -> str:
+    """Return the component that a pattern is about and no watchdog said a word of; empty: it can happen.
+
+    What nobody watches never fails, whatever the rules are.
+    """
+    name = pattern.component or ("" if pattern.failure in LOSSES else pattern.failure)
+    if not name or name in trace.codes or (pattern.failure and name in map(about, trace.decisions)):
+        return ""
+    return name
+
+
+class Moment(NamedTuple):
+    """When something happens, and its place among what happens at one time: one event makes several decisions.
+
+    Args:
+        t_ns: of it.
+        decision: its number in the run; -1: none made it so, e.g. a code, which comes before what is decided then.
+        command: its place among the commands of the decision; -1: the decision itself, which comes before them.
+    """
+
+    t_ns: int
+    decision: int = -1
+    command: int = -1
+
+
+def moments(pattern: Pattern, trace: Trace) -> Tuple[Moment, ...]:
+    """Return when a pattern happens, in order: a condition happens when it begins, by the decision that began it."""
     if pattern.lasts:
-        return tuple(span.begin_ns for span in spans(pattern, trace))
-    found: List[int] = []
-    for decision in trace.decisions:
-        found += [decision.t_ns] * _times(pattern, decision)
-    return tuple(found)
+        return tuple(Moment(span.begin_ns, number) for span, number in _joined(pattern, trace))
+    return tuple(
+        Moment(decision.t_ns, number, place)
+        for number, decision in enumerate(trace.decisions)
+        for place in _places(pattern, decision)
+    )
+
+
+def instants(pattern: Pattern, trace: Trace) -> Tuple[int, ...]:
+    """Return the times at which a pattern happens, in order."""
+    return tuple(moment.t_ns for moment in moments(pattern, trace))
 
 
 def spans(pattern: Pattern, trace: Trace) -> Tuple[Span, ...]:
     """Return while when a condition holds; spans in a row are one."""
-    joined: List[Span] = []
+    return tuple(span for span, _ in _joined(pattern, trace))
+
+
+def _joined(pattern: Pattern, trace: Trace) -> List[Tuple[Span, int]]:
+    """Return the spans of a condition, each with the number of the decision that began it, -1: none did."""
+    codes = trace.codes.get(pattern.component, ())
+    begun = zip(codes, repeat(-1)) if pattern.component else zip(trace.states, _begun(trace))
+    joined: List[Tuple[Span, int]] = []
     held = False
-    for span in trace.codes.get(pattern.component, ()) if pattern.component else trace.states:
+    for span, number in begun:
         holds = int(span.value) >= pattern.code if pattern.component else _in_state(pattern, span.value)
         if holds and held:
-            joined[-1] = Span(joined[-1].begin_ns, span.end_ns, joined[-1].value)
+            (first, place) = joined[-1]
+            joined[-1] = (Span(first.begin_ns, span.end_ns, first.value), place)
         elif holds:
-            joined.append(span)
+            joined.append((span, number))
         held = holds
-    return tuple(joined)
+    return joined
+
+
+def _begun(trace: Trace) -> Iterator[int]:
+    """Return for each state of a run the number of the decision that entered it; -1: the run began in it."""
+    left = 0
+    for span in trace.states:
+        rest = enumerate(trace.decisions[left:], left)
+        number = next((number for number, decision in rest if _enters(decision, span)), -1)
+        left = max(left, number + 1)
+        yield number
 
 
 def _in_state(pattern: Pattern, value: str) -> bool:
@@ -88,12 +143,16 @@ def _in_state(pattern: Pattern, value: str) -> bool:
     return state in pattern.states and pattern.step in ("", step)
 
 
-def _times(pattern: Pattern, decision: Decision) -> int:
-    if pattern.rule:
-        return int(decision.rule == pattern.rule)
-    if pattern.failure:
-        return int(about(decision) == pattern.failure)
-    return sum(_is_command(pattern.command, text) for text in decision.commands)
+def _enters(decision: Decision, span: Span) -> bool:
+    return decision.t_ns == span.begin_ns and f"{decision.after}/{decision.step}" == span.value
+
+
+def _places(pattern: Pattern, decision: Decision) -> List[int]:
+    """Return where a pattern happens in a decision: -1 for the decision itself, else the places of its commands."""
+    if pattern.command:
+        return [place for place, text in enumerate(decision.commands) if _is_command(pattern.command, text)]
+    happens = decision.rule == pattern.rule if pattern.rule else about(decision) == pattern.failure
+    return [-1] if happens else []
 
 
 def about(decision: Decision) -> Optional[str]:
@@ -256,6 +315,11 @@ _REQUESTS = (
     *("MissionCommand", "AutopilotLand", "AutopilotDisarm", "StartRecording", "StopRecording"),
     *("LoadMission", "RunCheck"),
 )
+_PLACES = tuple(dict.fromkeys(row.target for row in TRANSITIONS if row.target is not None))
+STEPS: Mapping[str, Tuple[str, ...]] = {
+    state.value: tuple(step.value for there, step in _PLACES if there is state and step.value) for state in State
+}
+"""The steps of each state; a state of one step has none."""
 COMMANDS = (*_REQUESTS, *(each.name for each in MissionAction), *(f"RunCheck({each.name})" for each in CheckName))
 """Every command that a pattern can name."""
 _TIME = Number(minimum=0.0, maximum=86_400.0)
@@ -320,6 +384,8 @@ class PatternEntry(Kind):
                 refuse(entry, (*address, name), "is given", f"goes with {head} only")
         if given == ["component"] and values["code"] is None:
             refuse(entry, (*address, "code"), "is missing", "must be given with component: 1, 2, 4, 8 or 16")
+        if values["step"] is not None:
+            _check_step(values["state"], values["step"], entry, address)
         return Pattern(
             states=values["state"] or (),
             step=values["step"] or "",
@@ -329,6 +395,15 @@ class PatternEntry(Kind):
             component=values["component"] or "",
             code=int(values["code"] or 0),
         )
+
+
+def _check_step(states: Tuple[str, ...], step: str, entry: Entry, address: Address) -> None:
+    """Refuse a step in which a state never is: what cannot happen would always pass as `never`."""
+    for state in states:
+        if step not in STEPS[state]:
+            steps = ", ".join(STEPS[state])
+            right = f"must be a step of {state}: {steps}" if steps else f"must be left out: {state} has no steps"
+            refuse(entry, (*address, "step"), f"is {step}", right)
 
 
 def _quoted(entry: Entry) -> Entry:
