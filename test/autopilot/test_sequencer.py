@@ -85,6 +85,17 @@ def test_it_holds_where_it_is_and_resumes_where_it_stopped(mission):
 
 
 @BOTH
+def test_a_landing_on_the_way_says_which_waypoint_was_reached_last(mission):
+    """Nobody shall take the one that it flew to for flown: the mission is not complete."""
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until(lambda: flying.status.waypoint == 3)
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDING, limit_ns=3 * S)
+    assert flying.status.waypoint == 2
+
+
+@BOTH
 def test_a_hold_during_the_takeoff_is_resumed_as_well(mission):
     flying = Flying()
     flying.take_off(mission)

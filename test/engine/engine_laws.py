@@ -100,7 +100,8 @@ def _landing_is_sticky(before: EngineState, after: EngineState, event: ev.Event)
         given_up = isinstance(event, ev.UserRequest) and event.command is ev.UserCommand.ACKNOWLEDGE
         assert given_up or status is None or not _flies(status), "landed means disarmed and ON_GROUND"
         if given_up:
-            assert before.landing.alarmed, "a landing is given up after the alarm alone"
+            alarmed = before.landing.alarmed or before.landing.lost_alarmed
+            assert alarmed, "a landing is given up after the alarm alone"
 
 
 def _flies(status: ev.AutopilotStatus) -> bool:

@@ -293,6 +293,7 @@ FIELDS: Mapping[str, Draw] = {
     "flight.mode_shown": _one("", "AUTO.LOITER", "AUTO.MISSION"),
     "flight.mode_flown": _one("", "AUTO.TAKEOFF", "AUTO.LOITER", "AUTO.MISSION"),
     "flight.hold_repeated": _bool,
+    "flight.another": _bool,
     "vehicle.moving_ns": _when,
     "vehicle.takeover": _maybe(_agreement),
     "flight.takeover_noted": _bool,
@@ -302,6 +303,7 @@ FIELDS: Mapping[str, Draw] = {
     "landing.both_routes": _bool,
     "landing.alarmed": _bool,
     "landing.overdue_alarmed": _bool,
+    "landing.lost_alarmed": _bool,
     "landing.disarm_sent_ns": _when,
     "shutting_down": _bool,
     "armed_at_start": _one(None, True, False),
@@ -439,6 +441,9 @@ _EVENTS: Tuple[Callable[[Random, EngineState], ev.Event], ...] = (
 # --- the witness of a state -------------------------------------------------------------------------------------------
 
 
+_ALARMS = {"alarmed": "land_alarm", "overdue_alarmed": "land_limit", "lost_alarmed": "autopilot_lost"}
+
+
 def witness_of(s: EngineState, rules: Rules) -> Witness:
     """Return the witness who has seen what a state says of its past, and nothing else."""
     flight = "none" if not s.flight.active else "armed" if s.flight.was_armed else "commanded"
@@ -484,7 +489,8 @@ def witness_of(s: EngineState, rules: Rules) -> Witness:
         sent_ns=s.landing.sent_ns,
         second=landing and s.landing.second_route_ns is not None,
         second_ns=s.landing.sent_ns,
-        alarmed=s.landing.alarmed,
+        alarmed=any(getattr(s.landing, name) for name in _ALARMS),
+        alarms=tuple(key for name, key in _ALARMS.items() if getattr(s.landing, name)),
         last_id=s.next_id - 1,
         motion=motion,
         motion_id=s.flight.motion.id,

@@ -274,6 +274,8 @@ def _flight(state: EngineState, caps: Dict[str, int]) -> Key:
         state.landing.both_routes,
         state.landing.alarmed,
         state.landing.overdue_alarmed,
+        state.landing.lost_alarmed,
+        state.flight.another,
         state.landing.second_route_ns is None,
         planner is not None
         and (

@@ -314,7 +314,7 @@ def _(s: EngineState) -> bool:
 def _(s: EngineState) -> bool:
     on_its_way = s.step in (*_STEPS[State.TAKEOFF], Step.FLYING) or s.state is State.HOLD
     at = s.landing
-    marks = (at.alarmed, at.overdue_alarmed, at.both_routes, at.second_route_ns is not None)
+    marks = (at.alarmed, at.overdue_alarmed, at.lost_alarmed, at.both_routes, at.second_route_ns is not None)
     return not on_its_way or not any(marks)
 
 
@@ -393,7 +393,7 @@ def _(s: EngineState) -> bool:
 @_is("The planner is idle, and the vehicle unknown, only as their last statuses say.")
 def _(s: EngineState) -> bool:
     planner, vehicle = s.peers.planner, s.peers.autopilot
-    idle = planner is not None and planner.phase.name in ("IDLE", "LOADED", "LANDED")
+    idle = planner is not None and planner.phase.name in ("IDLE", "LOADED", "LANDED", "HOLDING")
     unknown = vehicle is not None and (vehicle.armed is None or vehicle.landed.name == "UNKNOWN")
     return (s.peers.planner_idle_ns is None or idle) and (s.peers.vehicle_unknown_ns is None or unknown)
 

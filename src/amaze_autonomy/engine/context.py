@@ -277,7 +277,8 @@ class Context:
         """Return True where a flight that seemed over goes on: in the air, and not armed on the ground before that."""
         aloft, motors = self.state.vehicle.aloft, self.state.vehicle.motors
         on_the_ground_before = motors is not None and aloft is not None and motors.since_ns < aloft.since_ns
-        return self.state.flight.was_airborne and self.airborne() and not on_the_ground_before
+        another = on_the_ground_before or self.state.flight.another
+        return self.state.flight.was_airborne and self.airborne() and not another
 
     def flies_again(self) -> bool:
         """Return True when the vehicle says, freshly, what contradicts that its flight is over."""

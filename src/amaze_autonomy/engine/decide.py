@@ -22,7 +22,7 @@ from .commands import (
     Value,
 )
 from .context import Context
-from .effects import ENTER, begin_session
+from .effects import ENTER, begin_session, drop_queue
 from .events import Event, MissionRejected, MissionSelected, RecordingPhase, UserCommand, UserRequest
 from .failsafe import Change, and_words, waiting
 from .flight_guards import nobody_knows
@@ -245,11 +245,16 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
             break
         _fire(context, row, seen, decisions)
         _update_failures(context, decisions)
-    if context.state.signal and not context.suspected():
+    if context.state.signal and not context.suspected() and not _seems_over(context.state):
         context.set(signal="")
     if not context.commands and not decisions:
         return context.state, ()
     return context.state, (*sorted(context.commands, key=_rank), *decisions)
+
+
+def _seems_over(state: EngineState) -> bool:
+    """Return True while a flight seems over that may go on yet: told to end then, it is not forgotten."""
+    return not state.flight.active and state.state in (State.TAKEOFF, State.MISSION, State.HOLD)
 
 
 def _take_up(context: Context) -> None:
@@ -291,6 +296,9 @@ def _answer(context: Context) -> None:
     elif case.answer is not AnswerKind.DONE:
         context.consume()
     context.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
+    lands = isinstance(event, UserRequest) and event.command in _LANDS and case.answer is not AnswerKind.REFUSED
+    if lands and context.state.flight.was_airborne:
+        drop_queue(context)  # who has it landed has no other mission taken off for him
 
 
 _CLEARED = {("failure_back", FailureKind.LOSS): "condition_cleared"}

@@ -15,7 +15,7 @@ from .commands import (
     StopRecording,
 )
 from .context import TAKES_OFF, Context
-from .events import CHECKS, CheckName, Landed, RecordingPhase, checks_of
+from .events import CHECKS, CheckName, Landed, MissionPhase, RecordingPhase, checks_of
 from .failsafe import flown_without
 from .flight_guards import mission_flown
 from .guards import records
@@ -197,6 +197,9 @@ def hold(context: Context) -> None:
     """Command a hold."""
     context.put("flight", hold_repeated=False)
     _motion(context, MissionAction.HOLD)
+    planner = context.state.peers.planner
+    if planner is not None and planner.phase is MissionPhase.HOLDING:
+        context.put("peers", planner_idle_ns=None)  # it is asked for now
 
 
 def hold_again(context: Context) -> None:
@@ -268,6 +271,7 @@ def adopt_late_arming(context: Context) -> None:
         confirmed=None,
         mode_before=_mode(context),
         takeover_noted=False,
+        another=False,
     )
     context.set(landing=Landing(both_routes=True))
 

@@ -150,7 +150,8 @@ def nobody_knows(context: Context) -> Optional[Seen]:
     """The pilot was alarmed, and the vehicle is not heard any more, or not whether it is armed and has landed."""
     state, status = context.state, context.state.peers.autopilot
     unknown = passed("vehicle_unknown_limit", state, context.rules, context.now)
-    silent = state.landing.alarmed and (context.vehicle() is None or unknown)
+    alarmed = state.landing.alarmed or state.landing.lost_alarmed
+    silent = alarmed and (context.vehicle() is None or unknown)
     return holds_if(silent, Value("last heard armed", status.armed if status is not None else None))
 
 
@@ -196,7 +197,7 @@ def must_land_both(context: Context) -> Optional[Seen]:
 def must_alarm(context: Context) -> Optional[Seen]:
     """Something is lost that the pilot must know at once."""
     lost = [f for f in context.state.failures if f.name in _ALARM] if context.state.flight.active else []
-    return _failed(context, lost[0]) if lost and not context.state.landing.alarmed else None
+    return _failed(context, lost[0]) if lost and not context.state.landing.lost_alarmed else None
 
 
 def must_wait(context: Context) -> Optional[Seen]:
@@ -324,7 +325,7 @@ def cancelled(context: Context) -> Optional[Seen]:
 
 
 def not_alarmed(context: Context) -> Optional[Seen]:
-    """The pilot was not alarmed yet."""
+    """The pilot was not alarmed yet that nothing shows a landing."""
     return holds_if(not context.state.landing.alarmed)
 
 

@@ -271,6 +271,7 @@ class Flight:
         mode_flown: how far two statuses have shown a takeoff, or a resume, to have come.
         hold_repeated: the hold was commanded again.
         takeover_noted: the user was told that somebody else seems to have control.
+        another: after it, it was armed on the ground again, and not by us.
     """
 
     active: bool = False
@@ -290,6 +291,7 @@ class Flight:
     mode_flown: str = ""
     hold_repeated: bool = False
     takeover_noted: bool = False
+    another: bool = False
 
 
 @dataclass(frozen=True)
@@ -303,6 +305,7 @@ class Landing:
         both_routes: planner and autopilot are told at once.
         second_route_ns: the first command to the autopilot itself.
         alarmed, overdue_alarmed: the pilot was alarmed, because nothing shows a landing, and because of its limit.
+        lost_alarmed: likewise, because the vehicle is not heard.
         disarm_sent_ns: the last command to disarm.
     """
 
@@ -313,6 +316,7 @@ class Landing:
     second_route_ns: Optional[int] = None
     alarmed: bool = False
     overdue_alarmed: bool = False
+    lost_alarmed: bool = False
     disarm_sent_ns: Optional[int] = None
 
 

@@ -157,7 +157,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("resume_refused", (RESUMING,), both(flight.in_flight, flight.motion_refused), COMMANDING, "land", _EARLY, words="the resume is refused"),
     T("resume_unconfirmed", (RESUMING,), both(flight.in_flight, timer("resume_confirm_limit")), COMMANDING, "land", _EARLY, words="the resume is not confirmed in time"),
     # while landing
-    T("autopilot_lost_alarm", (State.LAND,), flight.must_alarm, None, "autopilot_lost", {"landing.both_routes": True}, do.alarm, "the autopilot is silent: alarm to the pilot"),
+    T("autopilot_lost_alarm", (State.LAND,), flight.must_alarm, None, "autopilot_lost", {"landing.both_routes": True, "landing.lost_alarmed": True}, words="the autopilot is silent: alarm to the pilot"),
     T("both_routes_needed", (State.LAND,), both(flight.must_land_both, flight.one_route_only), None, "land_second_route", {}, do.land_both, "planner or autopilot is lost while landing"),
     T("disarm_on_ground", (State.LAND,), flight.ground_armed, None, "disarm", {}, do.disarm, "on the ground but armed for a while"),
     T("landing_not_shown", (DESCENDING,), both(flight.vehicle_heard, negated(flight.landing_shown)), COMMANDING, words="the vehicle no longer shows that it lands, or the limit has passed"),

@@ -338,9 +338,10 @@ def _armed_at_start(context: Context) -> None:
 
 
 def _planner_idles(context: Context) -> None:
-    """Note since when the planner says of a vehicle in the air that nothing is flown."""
-    peers = context.state.peers
-    idles = peers.planner is not None and peers.planner.phase in _IDLE and context.armed() and context.airborne()
+    """Note since when the planner says of a vehicle in the air that nothing is flown, or that it holds unasked."""
+    state, peers = context.state, context.state.peers
+    phases = (*_IDLE, MissionPhase.HOLDING) if (state.state, state.step) == (State.MISSION, Step.FLYING) else _IDLE
+    idles = peers.planner is not None and peers.planner.phase in phases and context.armed() and context.airborne()
     since_ns = _since(peers.planner_idle_ns, context.now, says=idles)
     if since_ns != peers.planner_idle_ns:
         context.put("peers", planner_idle_ns=since_ns)
@@ -397,9 +398,7 @@ def _taken_by(context: Context, event: AutopilotStatus) -> str:
         return ""
     if event.pilot_in_control:
         return f"the pilot flies (flight mode {event.mode})"
-    last = state.flight.commanded[-1] if state.flight.commanded else state.flight.confirmed
-    direct = DIRECT_MODES[last] if last is not None and state.flight.active else frozenset()
-    if event.failsafe and event.mode not in direct:
+    if event.failsafe and not _is_direct(context, event.mode):
         return "a failsafe of the autopilot is active"
     if not state.flight.active:
         after = state.state in _AFTER_FLIGHT or state.step is Step.TOUCHDOWN
@@ -411,6 +410,13 @@ def _taken_by(context: Context, event: AutopilotStatus) -> str:
         return "armed by somebody else" if event.armed and state.armed_at_start is False else ""
     mine = _is_ours(context, event, lands=_planner_lands(context)) or _unchanged(context, event)
     return "" if mine else f"flight mode {event.mode} was not commanded"
+
+
+def _is_direct(context: Context, mode: str) -> bool:
+    """Return True in a mode that one of our commands leads to by itself; until it shows, the one before is ours too."""
+    flight = context.state.flight
+    asked = flight.commanded or ((flight.confirmed,) if flight.confirmed is not None else ())
+    return flight.active and any(mode in DIRECT_MODES[action] for action in asked)
 
 
 def _unchanged(context: Context, event: AutopilotStatus) -> bool:
@@ -458,8 +464,17 @@ def _flight(context: Context) -> None:
         context.put("landing", disarm_sent_ns=None)
     if goes_on:  # it had said that it was down, and does not any more: then its flight is not over
         context.put("flight", active=True)
+    _another(context)
     if context.state.flight.active:
         _remember_flight(context)
+
+
+def _another(context: Context) -> None:
+    """Remember that it was armed on the ground after our flight: what flies then is somebody else's."""
+    flight, motors = context.state.flight, context.state.vehicle.motors
+    armed = motors is not None and motors.statuses > 1 and context.armed() and context.on_ground()
+    if armed and not flight.active and not flight.another:
+        context.put("flight", another=True)
 
 
 def _remember_flight(context: Context) -> None:

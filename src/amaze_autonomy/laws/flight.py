@@ -148,7 +148,7 @@ def autopilot_lost_alarms(m: Moment) -> Verdict:
     lost = _lost(m)
     if m.saw.flight != "armed" or _handed_over(m) or not lost.startswith("the autopilot "):
         return None
-    return True if m.seen.alarmed else f"{lost}, and the pilot was not alarmed"
+    return True if "autopilot_lost" in m.seen.alarms else f"{lost}, and the pilot was not alarmed"
 
 
 @law(

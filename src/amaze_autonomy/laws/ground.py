@@ -96,7 +96,7 @@ def a_takeoff_begins_afresh(m: Moment) -> Verdict:
     if A.TAKEOFF not in m.motions:
         return None
     of_flight = ("was_armed", "was_airborne", "spent", "takeover_noted", "user_hold_ns")
-    of_landing = ("since_ns", "second_route_ns", "alarmed", "overdue_alarmed", "both_routes")
+    of_landing = ("since_ns", "second_route_ns", "alarmed", "overdue_alarmed", "lost_alarmed", "both_routes")
     left = [name for name in of_flight if getattr(m.after.flight, name)]
     left += [name for name in of_landing if getattr(m.after.landing, name)]
     return f"{left[0]} is left" if left else True
@@ -253,7 +253,7 @@ def alarm_in_time(m: Moment) -> Verdict:
         return None
     if m.seen.now - m.seen.land_ns < m.rules.limits.land_alarm_after_ns:
         return None
-    return True if m.seen.alarmed else "the pilot was not alarmed"
+    return True if {"land_alarm", "land_limit"}.intersection(m.seen.alarms) else "the pilot was not alarmed"
 
 
 @law("5 LAND", "It disarms only what stands on the ground, says so freshly, and is armed.")

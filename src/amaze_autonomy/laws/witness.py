@@ -23,7 +23,7 @@ from amaze_autonomy.engine.commands import (
     StopRecording,
 )
 from amaze_autonomy.engine.rules import Limits
-from amaze_autonomy.engine.state import EngineState, State, evolve
+from amaze_autonomy.engine.state import EngineState, State, Step, evolve
 
 _SECOND = 1_000_000_000
 _FLIES = (ev.VehicleLanded.TAKING_OFF, ev.VehicleLanded.IN_AIR, ev.VehicleLanded.LANDING)
@@ -208,7 +208,7 @@ def _autopilot(
     unchanged = event.mode == witness.mode_before and not witness.answered  # since before the flight
     unknown = event.armed is None or event.landed is ev.VehicleLanded.UNKNOWN
     changes["unknown_ns"] = (now if witness.unknown_ns is None else witness.unknown_ns) if unknown else None
-    changes["idle_ns"] = _idle_since(witness, witness.planner, event, now, limits)
+    changes["idle_ns"] = _idle_since(witness, witness.planner, event, now, limits, state)
     changes["foreign"] = changed and event.mode in NEVER_OURS and not unchanged
     link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
     if witness.rested < 2:  # since it was started; once two in a row said disarmed, it stays so
@@ -242,20 +242,27 @@ def _autopilot(
         changes.update(flight="armed", airborne=witness.airborne or witness.aloft > 0)  # one status is not believed
 
 
-def _idle_since(witness: Witness, planner: Any, vehicle: Any, now: int, limits: Limits) -> Optional[int]:
-    """Return since when the planner says of a vehicle in the air that nothing is flown."""
+def _idle_since(
+    witness: Witness, planner: Any, vehicle: Any, now: int, limits: Limits, state: EngineState
+) -> Optional[int]:
+    """Return since when the planner says of a vehicle in the air that nothing is flown, or that it holds unasked."""
     heard_ns = now if vehicle is not witness.vehicle else witness.vehicle_ns
     seen = evolve(witness, now=now, vehicle=vehicle, vehicle_ns=heard_ns)
     status = seen.fresh(limits)
     flies = status is not None and status.armed is True and status.landed in _FLIES
-    idle = planner is not None and planner.phase.name in ("IDLE", "LOADED", "LANDED")
+    unasked = ("HOLDING",) if state.step is Step.FLYING else ()
+    idle = planner is not None and planner.phase.name in ("IDLE", "LOADED", "LANDED", *unasked)
     return (now if witness.idle_ns is None else witness.idle_ns) if flies and idle else None
 
 
 def _count_taken(witness: Witness, event: Any, now: int, changes: Dict[str, Any], limits: Limits) -> None:
     """Count the statuses in a row by which somebody else has control."""
     says = event.pilot_in_control or changes["foreign"] or (witness.taken > 0 and event.mode in NEVER_OURS)
-    says = says or (event.failsafe and event.mode in (*NEVER_OURS, "AUTO.LOITER"))
+    next_ones = (MissionAction.RESUME, MissionAction.LAND, MissionAction.ABORT)
+    held = (
+        ("AUTO.LOITER",) if witness.answered or witness.motion not in next_ones else ()
+    )  # else it may be our hold yet
+    says = says or (event.failsafe and event.mode in (*NEVER_OURS, *held))
     soon = witness.motion is not None and now - witness.motion_ns <= limits.arm_limit_ns
     late = witness.flight == "none" and not witness.airborne and soon and event.armed is True
     changes["armed_late"] = witness.armed_late + 1 if late else 0
@@ -327,11 +334,11 @@ def _info(witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: 
 
 
 def _planner(
-    witness: Witness, event: Any, now: int, changes: Dict[str, Any], _state: EngineState, limits: Limits
+    witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState, limits: Limits
 ) -> None:
     if event.session_id and event.session_id == witness.session:
         changes.update(planner=event, planner_ns=now)
-        changes["idle_ns"] = _idle_since(witness, event, witness.vehicle, now, limits)
+        changes["idle_ns"] = _idle_since(witness, event, witness.vehicle, now, limits, state)
         status = witness.vehicle
         lands = event.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
         if lands and status is not None and status.mode in _LANDING_MODES and not status.pilot_in_control:
@@ -451,6 +458,8 @@ def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
     changes.update(motion=action, motion_id=command.id, motion_ns=witness.now, motion_outcome=None)
     if action in (MissionAction.TAKEOFF, MissionAction.RESUME):
         changes["flown"] = ""
+    if action is MissionAction.HOLD and witness.planner is not None and witness.planner.phase.name == "HOLDING":
+        changes["idle_ns"] = None  # it is asked for now
     if action is not witness.motion or action is MissionAction.TAKEOFF:
         changes["answered"] = False
     if action is MissionAction.TAKEOFF:

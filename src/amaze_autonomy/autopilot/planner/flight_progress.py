@@ -217,8 +217,8 @@ class FlightProgress(NamedTuple):
         return self.message if self.watch.known(t_ns, self.age_limit_ns) else _SILENT
 
     def _waypoint(self) -> int:
-        """Return the waypoint it flies to, from 1; after the landing the last one that was reached."""
-        if self.phase is _P.LANDED:
+        """Return the waypoint it flies to, from 1; from the landing on the last one that was reached."""
+        if self.phase in (_P.LANDING, _P.LANDED):
             return self.flight.reached
         return min(self.flight.reached + 1, self.flight.waypoints) if self.phase in IN_FLIGHT else 0
 

@@ -319,8 +319,8 @@ class Planner(Peer):
         return self._was_armed and not vehicle.armed and vehicle.landed == VehicleLanded.ON_GROUND
 
     def _waypoint(self, waypoints: int) -> int:
-        """Return the waypoint it flies to, from 1; after the landing the last one that was reached."""
-        if self._phase is MissionPhase.LANDED:
+        """Return the waypoint it flies to, from 1; from the landing on the last one that was reached."""
+        if self._phase in (MissionPhase.LANDING, MissionPhase.LANDED):
             return self.site.vehicle.reached
         return min(self.site.vehicle.reached + 1, waypoints) if self._phase in _IN_FLIGHT else 0
 

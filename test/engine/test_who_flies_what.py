@@ -1,0 +1,201 @@
+"""Orders of events that no single rule shows: a flag in our mode, an early landing, another flight, a second alarm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from engine_beginnings import at
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.state import Result
+
+AIR, GROUND = ev.VehicleLanded.IN_AIR, ev.VehicleLanded.ON_GROUND
+
+
+def in_mission():
+    """Return a mission under way, on its second waypoint, for as long as a test needs."""
+    story = at("MISSION flying")
+    story.planner.flown_ns = -(10**12)
+    return story
+
+
+# --- a failsafe's flag in our own mode --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def flagged():
+    """Return a mission that is flown under the flag of a failsafe that does nothing."""
+    story = in_mission()
+    story.vehicle.mode = "AUTO.MISSION"
+    story.after(1.0)
+    story.say(failsafe=True)
+    story.vehicle.says["mode"] = "AUTO.MISSION"
+    story.after(2.0)
+    assert story.place == ("MISSION", "flying")
+    return story.look()
+
+
+@pytest.mark.parametrize("late_s", [0.15, 0.5, 0.8])
+def test_a_landing_of_ours_shows_late_under_the_flag_of_a_failsafe(flagged, late_s):
+    flagged.fail("imu", 16)
+    flagged.after(late_s)
+    del flagged.vehicle.says["mode"]
+    flagged.until("DATA_CLEANUP")
+    assert flagged.state.session.result is Result.LANDED_EARLY
+
+
+def test_a_landing_that_is_lost_under_the_flag_of_a_failsafe_is_repeated_by_both_routes(flagged):
+    flagged.vehicle.obeys = False
+    flagged.vehicle.says["battery_fraction"] = 0.1
+    flagged.after(10.0)
+    assert flagged.place == ("LAND", "commanding")
+    assert flagged.motions.count("LAND") > 10
+    assert flagged.motions.count("AutopilotLand") > 5
+    assert "land_alarm" in flagged.told
+
+
+def test_a_hold_that_shows_late_under_the_flag_of_a_failsafe_is_none_of_a_pilot(flagged):
+    flagged.fail("lrf", 8)
+    flagged.after(0.5)
+    del flagged.vehicle.says["mode"]
+    flagged.after(1.0)
+    assert flagged.place == ("HOLD", "holding")
+
+
+def test_a_failsafe_that_leaves_our_modes_has_control(flagged):
+    flagged.vehicle.says["mode"] = "AUTO.RTL"
+    flagged.after(1.0)
+    assert flagged.place[0] == "PILOT"
+
+
+# --- who lands before the last waypoint -------------------------------------------------------------------------------
+
+
+def nobody(_story):
+    """Leave it to the planner."""
+
+
+ENDS = {
+    "nobody": nobody,
+    "the user": lambda story: story.user("land"),
+    "a failure": lambda story: story.fail("imu", 16),
+    "a silent planner": lambda story: story.silent.append("planner"),
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_a_planner_that_lands_on_the_way_to_the_last_waypoint_has_not_completed_the_mission(end):
+    story = in_mission()
+    story.planner.says.update(waypoint=2)  # the last that was reached, of three
+    story.planner.phase = ev.MissionPhase.LANDING
+    story.vehicle.land()
+    story.after(0.5)
+    ENDS[end](story)
+    story.until("DATA_CLEANUP", limit_s=60)
+    assert story.state.session.result is Result.LANDED_EARLY
+
+
+@pytest.mark.parametrize("command", ["land", "abort"])
+@pytest.mark.parametrize("landing", [False, True], ids=["in the mission", "while it lands"])
+def test_who_has_it_landed_has_no_other_mission_flown_for_him(command, landing):
+    story = in_mission()
+    story.state = replace(story.state, queue=(ev.Mission(id="2"),))
+    if landing:
+        story.fail("imu", 16)
+        story.after(0.5)
+    story.user(command)
+    story.after(0.1)
+    assert story.state.queue == ()
+    assert "queue_dropped" in story.told
+
+
+def test_a_failure_leaves_the_queue_as_it_is():
+    story = in_mission()
+    story.state = replace(story.state, queue=(ev.Mission(id="2"),))
+    story.fail("imu", 16)
+    story.after(0.5)
+    assert [mission.id for mission in story.state.queue] == ["2"]
+
+
+# --- somebody else's flight after ours --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gap", ["silence", "armed unknown", "an old link"])
+def test_who_arms_it_on_the_ground_after_the_mission_flies_it_through_a_gap_of_its_statuses(gap):
+    story = at("MISSION_INPUT").select().until("MISSION_ENDED").after(20.0)
+    story.say(armed=True, mode="AUTO.MISSION")
+    story.after(1.0)
+    story.say(landed=AIR, height_m=20.0)
+    story.after(5.0)
+    story.look()
+    if gap == "silence":
+        story.silent.append("autopilot")
+        story.after(1.3)
+        story.silent.clear()
+    else:
+        told = {"armed": None} if gap == "armed unknown" else {"link_age_s": 3.5}
+        before = {name: story.vehicle.says.get(name) for name in told}
+        story.say(**told)
+        story.after(0.15)
+        for name, value in before.items():
+            if value is None:
+                del story.vehicle.says[name]
+            else:
+                story.vehicle.says[name] = value
+    story.after(2.0)
+    assert story.motions == []
+
+
+# --- alarms -----------------------------------------------------------------------------------------------------------
+
+
+def test_an_alarm_about_a_silent_vehicle_does_not_stand_for_one_that_does_not_land():
+    story = in_mission()
+    story.silent.append("autopilot")
+    story.vehicle.obeys = False
+    story.after(2.5)
+    assert "autopilot_lost" in story.told
+    story.silent.clear()
+    story.after(10.0)
+    assert story.told.count("land_alarm") == 1
+
+
+def test_an_alarm_about_a_landing_does_not_stand_for_a_silent_vehicle():
+    story = in_mission()
+    story.vehicle.obeys = False
+    story.fail("imu", 16)
+    story.after(8.0)
+    assert "land_alarm" in story.told
+    story.look()
+    story.silent.append("autopilot")
+    story.after(2.5)
+    assert story.told.count("autopilot_lost") == 1
+
+
+# --- a planner that holds unasked, a vehicle that stands, a signal in doubt -------------------------------------------
+
+
+def test_a_planner_that_holds_unasked_is_landed_for():
+    story = in_mission()
+    story.vehicle.says["mode"] = "OFFBOARD"
+    story.after(0.5)
+    story.planner.phase = ev.MissionPhase.HOLDING
+    story.planner.says["phase"] = ev.MissionPhase.HOLDING
+    story.after(3.0)
+    assert story.place[0] == "LAND"
+
+
+def test_a_signal_to_end_while_a_flight_only_seems_over_is_answered_when_it_goes_on():
+    story = in_mission()
+    story.silent.append("landing")
+    story.after(1.2)
+    story.say(armed=False, landed=GROUND, height_m=0.9)
+    story.after(0.7)
+    assert not story.state.flight.active
+    story.feed(ev.Shutdown, signal="SIGTERM")
+    assert story.motions == []
+    story.vehicle.says.clear()
+    story.after(1.0)
+    assert story.place[0] == "LAND"
+    assert "AutopilotLand" in story.motions
