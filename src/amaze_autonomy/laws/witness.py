@@ -258,11 +258,8 @@ def _idle_since(
 def _count_taken(witness: Witness, event: Any, now: int, changes: Dict[str, Any], limits: Limits) -> None:
     """Count the statuses in a row by which somebody else has control."""
     says = event.pilot_in_control or changes["foreign"] or (witness.taken > 0 and event.mode in NEVER_OURS)
-    next_ones = (MissionAction.RESUME, MissionAction.LAND, MissionAction.ABORT)
-    held = (
-        ("AUTO.LOITER",) if witness.answered or witness.motion not in next_ones else ()
-    )  # else it may be our hold yet
-    says = says or (event.failsafe and event.mode in (*NEVER_OURS, *held))
+    may_hold = not witness.answered and witness.motion in _AFTER_A_HOLD  # what was commanded then does not show yet
+    says = says or (event.failsafe and event.mode in (*NEVER_OURS, *(() if may_hold else ("AUTO.LOITER",))))
     soon = witness.motion is not None and now - witness.motion_ns <= limits.arm_limit_ns
     late = witness.flight == "none" and not witness.airborne and soon and event.armed is True
     changes["armed_late"] = witness.armed_late + 1 if late else 0
@@ -286,6 +283,7 @@ def _count_taken(witness: Witness, event: Any, now: int, changes: Dict[str, Any]
 
 
 _LANDING_MODES = ("AUTO.LAND", "AUTO.PRECLAND")
+_AFTER_A_HOLD = (MissionAction.RESUME, MissionAction.LAND, MissionAction.ABORT)
 _MOVING = ("AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD")
 OURS: Dict[Optional[MissionAction], Tuple[str, ...]] = {
     MissionAction.TAKEOFF: (*_MOVING, "AUTO.LOITER"),
