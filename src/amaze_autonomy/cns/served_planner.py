@@ -502,8 +502,9 @@ class ServedPlanner(Served):
     def _tell_progress(self, t_ns: int, status: MissionStatus) -> None:
         """Tell each waypoint that is done with, and the end."""
         many, phase = status.waypoints, status.phase
-        by_itself = phase in (_P.LANDING, _P.LANDED) and not self._lands and status.waypoint >= many
-        done = many if by_itself else status.waypoint - (phase is not _P.LANDED)
+        lands = phase in (_P.LANDING, _P.LANDED)  # then its status names the last that was reached, else the next
+        by_itself = lands and not self._lands and status.waypoint >= many
+        done = many if by_itself else max(0, status.waypoint - (not lands))
         left = status.distance_left_m
         if phase is _P.FLYING and status.waypoint == many and left is not None and left <= self._settings.radius_m:
             self._last_ns = t_ns if self._last_ns is None else self._last_ns
