@@ -163,7 +163,7 @@ def serve(link):
     """Let mavros answer all that it was asked."""
     for lane in Lane:
         while not link._requests[lane].empty():
-            _, request = link._requests[lane].get()
+            _, request = link._requests[lane].get_nowait()
             for message in link._answers(request, link._call(request)):
                 link._answer(message)
 

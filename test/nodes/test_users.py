@@ -102,14 +102,14 @@ def test_a_command_is_put_and_answered_as_the_engine_says(monkeypatch, desk, ask
 def test_what_nobody_waits_for_any_more_is_not_taken_up_and_its_user_was_told_so(desk, asked, each):
     with pytest.raises(rospy.ServiceException, match=f"^{NEVER}$"):
         command(desk, each)
-    assert not desk.take_up(asked.get())
+    assert not desk.take_up(asked.get(timeout=LIMIT_S))
 
 
 @pytest.mark.parametrize("each", SAFE)
 def test_what_stops_the_vehicle_is_taken_up_though_nobody_waits_for_it_any_more(desk, asked, each):
     with pytest.raises(rospy.ServiceException, match=f"^{MAYBE}$"):
         command(desk, each)
-    assert desk.take_up(asked.get())
+    assert desk.take_up(asked.get(timeout=LIMIT_S))
 
 
 def test_what_was_taken_up_in_time_and_not_answered_may_still_be_carried_out(monkeypatch, desk, asked):
@@ -129,7 +129,7 @@ def test_a_command_without_messages_of_ours_fails_in_the_same_words(desk):
 def test_a_selection_that_nobody_waits_for_any_more_is_not_taken_up(desk, asked, ids):
     with pytest.raises(rospy.ServiceException, match=f"^{NEVER}$"):
         desk._select(srv.SelectMissionRequest(mission_ids=ids))
-    assert not desk.take_up(asked.get())
+    assert not desk.take_up(asked.get(timeout=LIMIT_S))
 
 
 @pytest.mark.parametrize(

@@ -123,13 +123,18 @@ def test_a_publisher_of_another_kind_is_not_read():
 
 
 def test_a_look_that_fails_ends_nothing():
-    watch = TopicWatch("/autopilot/status", None, World("nowhere"))
+    watch, looked = TopicWatch("/autopilot/status", None, World("nowhere")), []
 
-    def fails(_message):
+    def fails(data):
+        looked.append(bytes(data))
         raise MemoryError
 
-    watch.take_whole(msg.AutopilotStatus, fails)
-    watch.look_for(STATUS)(memoryview(b"\x00" * 400))
+    watch.take_whole(msg.AutopilotStatus, lambda _message: None)
+    watch._takers[:] = [(msg.AutopilotStatus, fails)]
+    look = watch.look_for(STATUS)
+    look(memoryview(b"one"))
+    look(memoryview(b"two"))
+    assert looked == [b"one", b"two"]
 
 
 # --- restarts ---------------------------------------------------------------------------------------------------------
