@@ -149,6 +149,17 @@ def test_the_file_is_written_ahead_and_not_with_each_frame(tmp_path, disk):
     assert read_kept(tmp_path / "stamp")["time_stamp"] == time_stamp(NOW_NS + 59 * S)
 
 
+def test_no_message_needs_a_thread_that_may_not_be_had(tmp_path, monkeypatch):
+    stamps = StampFile(tmp_path / "stamp")
+
+    def start(_thread):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    stamps.use(time_stamp(NOW_NS))
+    assert read_kept(tmp_path / "stamp")["time_stamp"] > time_stamp(NOW_NS)
+
+
 def test_a_disk_that_hangs_holds_up_no_message(tmp_path, disk, monkeypatch):
     monkeypatch.setattr(state_files, "_CLOSE_LIMIT_S", 0.01)
     _, wire = signed(tmp_path / "stamp", NOW_NS)

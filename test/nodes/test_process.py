@@ -165,7 +165,7 @@ from amaze_autonomy.ros import node_main
 file = logging.FileHandler(sys.argv[1])
 file.setFormatter(logging.Formatter("%(name)s %(message)s"))
 logging.getLogger().addHandler(file)
-sys.stdout, sys.stderr = node_main._Outlet(sys.stdout), node_main._Outlet(sys.stderr)
+sys.stdout, sys.stderr = node_main.Outlet(sys.stdout), node_main.Outlet(sys.stderr)
 node_main.atexit.register(node_main.say_last_words)
 node_main.detach_files()
 node_main.detach_files()
@@ -209,7 +209,7 @@ def test_a_terminal_and_a_disk_that_are_held_hold_up_nobody_and_a_node_ends_all_
 def test_on_a_terminal_a_warning_has_its_colour():
     """rospy asks the stream whether it is one."""
     master, terminal = os.openpty()
-    script = "import sys; from amaze_autonomy.ros import node_main; made = node_main._Outlet(sys.stdout)\n"
+    script = "import sys; from amaze_autonomy.ros import node_main; made = node_main.Outlet(sys.stdout)\n"
     script += "made.write(f'{made.isatty()} {made.fileno()}')"
     try:
         subprocess.run(

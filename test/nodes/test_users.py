@@ -15,12 +15,12 @@ from rospy.impl.tcpros_base import get_tcpros_server_address  # noqa: E402
 from rospy.impl.tcpros_service import ServiceImpl, get_service_manager  # noqa: E402
 
 from amaze_autonomy import srv  # noqa: E402
-from amaze_autonomy.console.keys import SAFE  # noqa: E402
 from amaze_autonomy.console.link import AnswerCame  # noqa: E402
 from amaze_autonomy.console.model import Request, RequestKind, Verdict  # noqa: E402
 from amaze_autonomy.console.ros_link import RosLink  # noqa: E402
 from amaze_autonomy.engine.commands import Answer, AnswerKind  # noqa: E402
 from amaze_autonomy.engine.events import (  # noqa: E402
+    SAFE,
     EngineStarted,
     Mission,
     MissionSelected,

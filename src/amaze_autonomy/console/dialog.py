@@ -9,7 +9,9 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import List, Optional, Tuple
 
-from .keys import QUIT_KEY, SAFE, Binding, binding_of_key, binding_of_word, goes_out, offered
+from amaze_autonomy.engine.events import SAFE
+
+from .keys import QUIT_KEY, Binding, binding_of_key, binding_of_word, goes_out, offered
 from .model import Answer, Desk, MissionRow, Question, Request, RequestKind, Snapshot, Verdict
 from .wire import clean
 from .words import duration, fraction

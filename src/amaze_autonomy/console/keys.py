@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
-from amaze_autonomy.engine.events import UserCommand
+from amaze_autonomy.engine.events import SAFE, UserCommand
 
 from .model import Snapshot
 
@@ -28,32 +28,26 @@ class Binding:
         command: what it asks for.
         words: what that does, for the screen.
         question: asked before it is sent; empty: sent at once.
-        safe: it stops the vehicle or brings it down: never too late. All else is for the moment that the operator saw.
     """
 
     key: str
     command: UserCommand
     words: str
     question: str = ""
-    safe: bool = False
 
 
 BINDINGS: Tuple[Binding, ...] = (
     Binding("g", UserCommand.GO, "go", "Go: the vehicle takes off. Sure?"),
-    Binding("h", UserCommand.HOLD, "hold", safe=True),
+    Binding("h", UserCommand.HOLD, "hold"),
     Binding("c", UserCommand.RESUME, "continue (resume)", "Resume the mission: the vehicle flies on. Sure?"),
-    Binding("l", UserCommand.LAND, "LAND", "LAND at the present position?", safe=True),
-    Binding("a", UserCommand.ABORT, "ABORT", "ABORT: in the air land, on the ground disarm?", safe=True),
+    Binding("l", UserCommand.LAND, "LAND", "LAND at the present position?"),
+    Binding("a", UserCommand.ABORT, "ABORT", "ABORT: in the air land, on the ground disarm?"),
     Binding(
         "r", UserCommand.RETRY, "retry", "Retry? Before a flight it takes off as soon as all checks pass: keep clear."
     ),
     Binding("u", UserCommand.GIVE_UP, "give up", "Give up?"),
     Binding("k", UserCommand.ACKNOWLEDGE, "acknowledge"),
 )
-
-
-SAFE: Tuple[UserCommand, ...] = tuple(binding.command for binding in BINDINGS if binding.safe)
-"""The commands that stop the vehicle or bring it down."""
 
 
 def offered(snapshot: Optional[Snapshot], *, heard: bool = True) -> Tuple[Binding, ...]:
@@ -64,7 +58,7 @@ def offered(snapshot: Optional[Snapshot], *, heard: bool = True) -> Tuple[Bindin
         heard: that is how it is now.
     """
     if snapshot is None or not heard:
-        return tuple(binding for binding in BINDINGS if binding.safe)
+        return tuple(binding for binding in BINDINGS if binding.command in SAFE)
     return tuple(binding for binding in BINDINGS if binding.command.value in snapshot.user_commands)
 
 

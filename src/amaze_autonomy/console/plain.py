@@ -12,7 +12,7 @@ from dataclasses import replace
 from math import floor
 from typing import Dict, Iterator, List, Optional, TextIO, Tuple
 
-from ..engine.events import Check
+from ..engine.events import SAFE, Check
 from ..engine.events import Verdict as CheckVerdict
 from .dialog import oldest_open
 from .keys import binding_of_word, offered
@@ -293,4 +293,4 @@ def _means_something(desk: Desk, line: str) -> bool:
 def _is_safe(line: str) -> bool:
     """Return True for a whole word that is sent at any time; a letter may be a mission's id."""
     binding = binding_of_word(line)
-    return binding is not None and binding.safe
+    return binding is not None and binding.command in SAFE

@@ -193,6 +193,10 @@ class UserCommand(enum.Enum):
     ACKNOWLEDGE = "acknowledge"
 
 
+SAFE: Tuple[UserCommand, ...] = (UserCommand.HOLD, UserCommand.LAND, UserCommand.ABORT)
+"""They stop the vehicle or bring it down: never too late. All else is for the moment that the operator saw."""
+
+
 class Outcome(enum.Enum):
     """How a request to a peer ended."""
 

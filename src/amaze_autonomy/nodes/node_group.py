@@ -75,7 +75,7 @@ class NodeGroup:
         self._due_s: Dict[str, float] = dict.fromkeys(nodes, 0.0)
         self._ending = False
         with _no_signal():
-            self._words = node_main._Outlet(sys.stderr)
+            self._words = node_main.Outlet(sys.stderr)
 
     def run(self) -> int:
         """Start the nodes, start them again, until told to end; return the exit status, in each node its own."""
@@ -110,7 +110,7 @@ class NodeGroup:
             if pid == 0:
                 for number in _END_SIGNALS:
                     signal.signal(number, signal.SIG_DFL)
-                node_main._waiting.clear()  # no fork has the thread that writes the group's words
+                node_main.forget_words()
                 sys.argv[1:] = arguments_of(name, self._nodes[name], self._given)
                 return None
             self._running[pid] = name

@@ -251,7 +251,7 @@ _LAST_WORDS_S = 1.0
 _waiting: List[Queue[Any]] = []
 
 
-class _Outlet(io.TextIOBase):
+class Outlet(io.TextIOBase):
     """A stream for people that nobody may read any more: what is written goes out by a thread of its own."""
 
     def __init__(self, stream: Any) -> None:
@@ -312,6 +312,11 @@ def detach_files() -> None:
             QueueListener(lines, handler, respect_handler_level=True).start()
 
 
+def forget_words() -> None:
+    """Wait for no words that were begun before a fork, in it: the thread that writes them is not there."""
+    _waiting.clear()
+
+
 def say_last_words(limit_s: float = _LAST_WORDS_S) -> None:
     """Wait until all words are written, for so long at most; before this process becomes another one, or ends."""
     until_s = time.monotonic() + limit_s
@@ -330,7 +335,7 @@ def begin(name: str) -> None:
     Args:
         name: of the node, where nobody gives it another one.
     """
-    sys.stdout, sys.stderr = _Outlet(sys.stdout), _Outlet(sys.stderr)  # before rospy keeps both for its log
+    sys.stdout, sys.stderr = Outlet(sys.stdout), Outlet(sys.stderr)  # before rospy keeps both for its log
     atexit.register(say_last_words)
     os.umask(UMASK)
     mend_rospy()

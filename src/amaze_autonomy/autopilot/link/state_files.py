@@ -93,7 +93,7 @@ class StampFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._due, self._writer = threading.Event(), threading.Thread(target=self._run, name="stamps", daemon=True)
-        self._ended = False
+        self._began = self._ended = False
         kept = read_kept(path).get("time_stamp")
         self.newest = self._reserved = kept if isinstance(kept, int) and 0 <= kept < 1 << 48 else 0
         try:
@@ -101,13 +101,14 @@ class StampFile:
         except OSError as error:
             words = error.strerror or "cannot be written"
             raise KeyFileError(str(path), words, "the time stamp of signatures is kept there: permit it") from None
+        self._writer.start()  # in flight there may be no thread for it
 
     def use(self, stamp: int) -> None:
         """Note that a time stamp is used."""
         self.newest = stamp
-        if self._writer.ident is None:
+        if not self._began:
+            self._began = True
             self._write(stamp + _BLOCK)
-            self._writer.start()
         elif stamp > self._reserved - _BLOCK // 2:
             self._due.set()
 
@@ -115,8 +116,7 @@ class StampFile:
         """Keep the last one that was used, unless the disk hangs."""
         self._ended = True
         self._due.set()
-        if self._writer.ident is not None:
-            self._writer.join(_CLOSE_LIMIT_S)
+        self._writer.join(_CLOSE_LIMIT_S)
         if not self._writer.is_alive():
             self._write(self.newest)
 

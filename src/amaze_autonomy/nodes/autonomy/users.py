@@ -20,11 +20,10 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Answer, AnswerKind
-from amaze_autonomy.engine.events import Event, MissionRejected, MissionSelected, Tick, UserCommand, UserRequest
+from amaze_autonomy.engine.events import SAFE, Event, MissionRejected, MissionSelected, Tick, UserCommand, UserRequest
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State
 
-from ...console.keys import SAFE
 from ...engine.context import Context
 from ...engine.decide import available
 from ...engine.events import Mission

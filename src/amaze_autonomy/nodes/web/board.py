@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Deque, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ...console import dialog
-from ...console.keys import BINDINGS, SAFE, Binding, offered
+from ...console.keys import BINDINGS, Binding, offered
 from ...console.link import AnswerCame, CollectingCame, Happening, LinkSays, MessagesCame, MissionsCame, StateCame
 from ...console.model import Desk, PendingFailure, Request, RequestKind, Snapshot, Verdict
 from ...console.screen.style import tone_of_check, tone_of_code, tone_of_state
 from ...console.screen.tables import action_words
 from ...console.wire import clean
 from ...console.words import age, duration, fraction, limits, quantity, readings
-from ...engine.events import Check, UserCommand
+from ...engine.events import SAFE, Check, UserCommand
 from ...missions import Frame, MissionPlan, outlines
 
 SAMPLES, TRACK = 1200, 2400
