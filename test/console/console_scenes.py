@@ -96,6 +96,7 @@ TELEMETRY = Telemetry(
     link_age=0.05,
     mode="AUTO.MISSION",
     armed=True,
+    armed_known=True,
     landed="IN_AIR",
     gps="nominal",
     gps_fix="3D",

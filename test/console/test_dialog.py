@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from console_scenes import MISSIONS, NOW_S, SCENES
 
-from amaze_autonomy.console.dialog import answered, listed, press, received, tick, typed
+from amaze_autonomy.console.dialog import answered, listed, noted, press, received, tick, typed
 from amaze_autonomy.console.model import Answer, CommandAnswer, Question, Request, RequestKind, Verdict
 from amaze_autonomy.engine.events import UserCommand
 
@@ -129,6 +129,44 @@ def test_land_is_sent_to_the_engine_whatever_it_said_last(name, silent_s):
     for after, requests in (press_all(desk, *keys), typed(desk, "land", NOW_S)):
         assert [request.command for request in requests] == [UserCommand.LAND]
         assert (after.requests, after.answer, after.question, after.error) == (requests, None, None, "")
+
+
+QUESTIONS = {
+    "resume": at_rest("hold", user_commands=EVERYTHING),
+    "abort": at_rest("hold", user_commands=EVERYTHING),
+    "retry": at_rest("load-mission", user_commands=EVERYTHING),
+    "give up": at_rest("outreach", user_commands=EVERYTHING),
+    "quit": at_rest("hold"),
+    "mission 1": replace(INPUT, requests=(), answer=None),
+}
+ASKED = {"resume": "c", "abort": "a", "retry": "r", "give up": "u", "quit": "q"}
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_land_is_sent_by_its_key_and_one_more_whatever_question_is_open(name):
+    desk = press_all(QUESTIONS[name], *(["1", "enter"] if name == "mission 1" else [ASKED[name]]))[0]
+    assert desk.question is not None
+    lines = typed(typed(desk, "l", NOW_S)[0], "y", NOW_S)
+    for after, requests in (press_all(desk, "l", "enter"), lines, typed(desk, "land", NOW_S)):
+        assert [request.command for request in requests] == [UserCommand.LAND]
+        assert (after.question, after.error) == (None, "")
+
+
+@pytest.mark.parametrize("word, command", [("land", UserCommand.LAND), ("hold", UserCommand.HOLD)])
+def test_a_whole_word_is_sent_whatever_question_is_open(word, command):
+    for key in "lca":
+        asked = press(at_rest("hold", user_commands=EVERYTHING), key, NOW_S)[0]
+        assert [request.command for request in typed(asked, word, NOW_S)[1]] == [command]
+
+
+def test_what_was_being_typed_when_contact_was_lost_is_no_beginning_of_a_key():
+    typing = press(INPUT, "2", NOW_S)[0]
+    assert tick(typing, NOW_S + 1.0)[0].entry == "2"
+    lost = tick(typing, NOW_S + SILENT_S)[0]
+    requests = press_all(replace(lost, received_s=NOW_S - SILENT_S), "l", "enter", "y")[1]
+    assert [request.command for request in requests] == [UserCommand.LAND]
+    typed_since = press(lost, "l", NOW_S + SILENT_S)[0]
+    assert tick(typed_since, NOW_S + SILENT_S)[0].entry == "l"
 
 
 @unheard
@@ -271,7 +309,8 @@ def test_the_list_is_asked_for_when_a_mission_can_be_selected():
     after, requests = tick(desk, NOW_S)
     assert requests == (Request(RequestKind.LIST, 1, sent_s=NOW_S),)
     assert tick(after, NOW_S + 1.0)[1] == ()
-    assert tick(after, NOW_S + 6.0)[1] == (Request(RequestKind.LIST, 2, sent_s=NOW_S + 6.0),)
+    heard = replace(after, received_s=NOW_S + 5.5)
+    assert tick(heard, NOW_S + 6.0)[1] == (Request(RequestKind.LIST, 2, sent_s=NOW_S + 6.0),)
     assert listed(after, 1, MISSIONS) == replace(after, missions=MISSIONS, requests=())
 
 
@@ -296,6 +335,29 @@ def test_a_mission_by_parameter_that_does_not_exist_gives_the_error_and_asks():
 def test_a_mission_by_parameter_is_dropped_when_the_engine_is_busy():
     desk, requests = tick(replace(HOLD, wanted=("1",)), NOW_S)
     assert (desk.wanted, desk.error, requests) == ((), "Mission 1 was not selected: the engine is in HOLD.", ())
+
+
+@pytest.mark.parametrize("heard_again", [True, False], ids=["after a silence", "within it"])
+def test_another_engine_is_asked_for_its_missions_before_one_of_the_list_is_flown(heard_again):
+    asked = replace(press_all(INPUT, "1", "enter")[0], run="r-1")
+    again_s = NOW_S + 60.0 * heard_again
+    desk = noted(received(replace(asked, question=asked.question), INPUT.snapshot, again_s), "r-2", ())
+    assert (desk.missions, desk.question, desk.run) == (None, None, "r-2")
+    assert desk.error == "Not sent: mission 1. The engine lists its missions anew: choose again."
+    assert press(desk, "y", again_s)[1] == ()
+    assert [request.kind for request in tick(desk, again_s)[1]] == [RequestKind.LIST]
+    assert typed(desk, "1", again_s)[0].question is None
+
+
+def test_messages_of_the_same_engine_change_no_list():
+    for run in ("", "r-1"):
+        assert noted(replace(INPUT, run=run), "r-1", ()) == replace(INPUT, run="r-1")
+
+
+def test_no_mission_by_parameter_is_selected_without_contact():
+    wanted = replace(INPUT, wanted=("1",), received_s=NOW_S - SILENT_S)
+    desk, requests = tick(wanted, NOW_S)
+    assert (desk.wanted, requests) == (("1",), ())
 
 
 # --- answers and messages ---

@@ -46,7 +46,20 @@ def test_of_an_autopilot_that_nobody_has_heard_nothing_is_said():
     heard = {
         each.name: each[1:3] for each in words.readings(Telemetry(age=0.1, battery_voltage=15.6, battery_limit=0.15))
     }
-    assert (heard["motors"], heard["battery"]) == (("disarmed", ""), ("-", "15.6 V, lands at 15 %"))
+    assert (heard["motors"], heard["battery"]) == (("-", ""), ("-", "15.6 V, lands at 15 %"))
+
+
+@pytest.mark.parametrize(
+    "said, shown, warns",
+    [
+        (Telemetry(), "-", False),
+        (Telemetry(age=0.1), "-", True),
+        (Telemetry(age=0.1, armed_known=True), "disarmed", False),
+        (Telemetry(age=0.1, armed=True, armed_known=True), "armed", False),
+    ],
+)
+def test_motors_of_which_nobody_knows_are_not_called_disarmed(said, shown, warns):
+    assert words.Reading("motors", shown, "", warns) in words.readings(said)
 
 
 @pytest.mark.parametrize(

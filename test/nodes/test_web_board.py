@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import count
 
 import pytest
 
@@ -130,11 +131,12 @@ def test_the_waypoint_is_said_while_it_flies():
 def test_the_missions_are_asked_for_when_they_can_be_selected_and_again_after_a_flight():
     board, listed = Board("b-1"), MissionsCame(1, (MissionRow("1", "Square", 1, 1, 41.6, 0.3),))
     wanted = []
-    for second, state in enumerate(["MISSION_INPUT", "MISSION_INPUT", "PREFLIGHT", "MISSION_ENDED", "MISSION_ENDED"]):
-        board.take(StateCame(Snapshot(state=state)), float(second * 10))
-        wanted.append(board.wants_missions(second * 10.0))
-        board.take(listed, second * 10.0)
-    assert wanted == [True, False, False, True, False]
+    states = [*["MISSION_INPUT"] * 4, "PREFLIGHT", *["MISSION_ENDED"] * 4]
+    for at_s, state in zip(count(0.0, 2.5), states):
+        board.take(StateCame(Snapshot(state=state)), at_s)
+        wanted.append(board.wants_missions(at_s))
+        board.take(listed, at_s)
+    assert wanted == [True, *[False] * 4, True, *[False] * 3]
     shown = board.since(Have(), 0.0)[0]["parts"]["missions"]
     question = "Fly mission 1: Square (42 s, battery needed 30 %)?"
     assert shown == [
@@ -214,6 +216,52 @@ def test_the_recording_on_each_platform():
     }
 
 
+RECORDS = Collecting("s-1", "RECORDING", 90.0, 0.0, (Platform("main", True, 18_000_000, 5e6, 0.5),))
+
+
+@pytest.mark.parametrize(
+    "session, silent_s, records, rate, trouble",
+    [
+        ("s-1", 1.0, True, "5.00 MB/s", ""),
+        ("s-1", 10.0, False, "-", "not heard for 10 s"),
+        ("s-2", 1.0, False, "-", "of session s-1"),
+    ],
+)
+def test_what_a_recorder_said_of_another_time_or_session_is_no_word_on_what_it_does_now(
+    session, silent_s, records, rate, trouble
+):
+    flying = replace(FLYING, session_id=session, recording_phase="RECORDING")
+    board = Board("b-1")
+    board.take(StateCame(flying), 0.0)
+    board.take(CollectingCame(RECORDS), 0.0)
+    board.take(StateCame(flying), silent_s)
+    part = board.since(Have(), silent_s)[0]["parts"]["recording"]
+    [shown] = part["platforms"]
+    assert (shown["growing"], shown["rate"], shown["trouble"]) == (records, rate, trouble)
+    assert part["left_s"] == (89 if records else None)
+
+
+def test_while_the_autopilot_is_silent_nothing_is_drawn_but_one_gap():
+    board = Board("b-1")
+    for second, age in enumerate([0.1, 1.5, 2.5, 3.5, None, 0.1]):
+        board.take(StateCame(replace(FLYING, telemetry=replace(FLYING.telemetry, age=age))), float(second))
+    east = [each[2] for each in board.since(Have(), 5.0)[0]["samples"]]
+    assert east == [1.0, 1.0, None, 1.0]
+
+
+@pytest.mark.parametrize("run, silent_s, anew", [("r-1", 1.0, False), ("r-2", 1.0, True), ("r-1", 9.0, True)])
+def test_the_missions_of_an_engine_that_may_be_another_one_are_listed_anew(run, silent_s, anew):
+    board, ready = Board("b-1"), StateCame(Snapshot(state="MISSION_INPUT"))
+    board.take(MessagesCame("r-1", ()), 0.0)
+    board.take(ready, 0.0)
+    assert board.wants_missions(0.0)
+    board.take(MissionsCame(1, (MissionRow("1"),)), 0.5)
+    board.take(ready, silent_s)
+    board.take(MessagesCame(run, ()), silent_s)
+    assert [each["id"] for each in board.since(Have(), silent_s)[0]["parts"]["missions"]] == ([] if anew else ["1"])
+    assert board.wants_missions(silent_s) == anew
+
+
 def test_a_mission_is_drawn_with_its_fences():
     plan = load_configuration(config_folder()).plan("1")
     fence = Fence((Polygon(((0.0, 0.0), (9.0, 0.0), (0.0, 9.0))),), (Circle((3.0, 3.0), 1.5, stay_in=False),))
@@ -263,6 +311,7 @@ def test_a_mission_is_selected_by_its_id(orders):
         ({"token": "wrong"}, "READY", "REFUSED", "The token is not the one"),
         ({"token": None}, "READY", "REFUSED", "The token is not the one"),
         ({"board": "b-0"}, "READY", "NO ANSWER", "was started anew"),
+        ({"board": "b-0", "token": "wrong", "command": "land"}, "READY", "REFUSED", "The token is not the one"),
         ({}, "PREFLIGHT", "REFUSED", "Not sent: the engine is in PREFLIGHT by now."),
         ({"beat": 94.9}, "READY", "NO ANSWER", "too long under way"),
         ({"beat": 101.0}, "READY", "NO ANSWER", "too long under way"),
@@ -280,7 +329,7 @@ def test_what_is_not_carried_out(orders, changes, state, verdict, words):
 
 def test_what_stops_the_vehicle_or_brings_it_down_is_never_too_late(orders):
     for number, command in enumerate(("hold", "land", "abort")):
-        late = order(id=f"o-{number}", command=command, beat=0.0, seen="MISSION")
+        late = order(id=f"o-{number}", command=command, beat=0.0, seen="MISSION", board="b-0")
         assert orders.take(late, "HOLD", 100.0)[1].command is UserCommand(command)
 
 

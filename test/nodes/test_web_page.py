@@ -246,9 +246,13 @@ class Field:
 
         self.call(end)
 
-    async def forget(self) -> None:
+    async def forget(self, board_id="") -> None:
         """Be a server that has never heard of an engine, which is there all the same, and answers."""
-        self.server.board = Board(self.server.board.id)
+        self.server.board = Board(board_id or self.server.board.id)
+
+    async def relist(self) -> None:
+        """Be another start of the engine."""
+        self.stack.run = "r-9"
 
     def show(self, desk):
         """Have the page show a scene of the console."""
@@ -448,6 +452,41 @@ def test_an_engine_that_was_never_heard_is_asked_to_land(field):
         page.press("#yes")
         page.wait("answer", "LAND: REFUSED The vehicle is not in flight.")
         assert field.stack.received == ["land"]
+
+
+def test_of_an_engine_that_a_new_server_has_not_heard_nothing_is_shown_and_land_is_sent(field):
+    field.freeze()
+    with opened(field.port) as page:
+        page.until(lambda: field.show(SCENES["alarm"]) or page.text("alarm"), "alarm")
+        field.call(partial(field.forget, "b-2"))
+        page.wait("state", "WAITING")
+        page.wait("link", "no engine heard")
+        shown = [page.text(part).strip() for part in ("alarm", "left", "message", "advice", "readings", "faults")]
+        assert shown == [""] * len(shown)
+        page.until(lambda: page.press(".land") or page.text("asked"), "question of a landing")
+        page.press("#yes")
+        page.wait("answer", "LAND: REFUSED The vehicle is not in flight.")
+        assert page.errors() == []
+
+
+def test_what_was_long_under_way_is_as_old_as_it_is(field):
+    with opened(field.port) as page:
+        page.wait("missions", "Short square")
+        assert page.text("lost").strip() == ""
+        page.driver.execute_script("wayS -= 30;")  # as if the first message had been 30 s less under way than all since
+        page.wait("lost", "NO CONTACT with the vehicle's computer for 3")
+        assert page.driver.execute_script("return offered().map((each) => each.name)") == ["hold", "land", "abort"]
+
+
+def test_a_list_that_comes_anew_takes_the_question_of_the_one_before_away(field):
+    with opened(field.port, token="100%") as page:
+        page.wait("missions", "Short square")
+        page.driver.execute_script(f"useToken({TOKEN!r})")
+        page.until(lambda: page.press(".mission") or page.text("asked"), "question of a mission")
+        field.call(field.relist)
+        page.wait("answer", "mission 1: NOT SENT the missions are listed anew: choose again.")
+        assert page.text("asked") == ""
+        assert field.stack.received == []
 
 
 def test_names_of_others_are_never_markup_and_without_plotly_all_but_the_plots_is_there(field, monkeypatch):

@@ -9,10 +9,10 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import List, Optional, Tuple
 
-from amaze_autonomy.engine.events import SAFE
+from amaze_autonomy.engine.events import SAFE, UserCommand
 
 from .keys import QUIT_KEY, Binding, binding_of_key, binding_of_word, goes_out, offered
-from .model import Answer, Desk, MissionRow, Question, Request, RequestKind, Snapshot, Verdict
+from .model import Answer, Desk, MissionRow, Note, Question, Request, RequestKind, Snapshot, Verdict
 from .wire import clean
 from .words import duration, fraction
 
@@ -33,12 +33,30 @@ Turn = Tuple[Desk, Tuple[Request, ...]]
 def received(desk: Desk, snapshot: Snapshot, now_s: float) -> Desk:
     """Take in a state."""
     before = desk.snapshot
+    if before is not None and not desk.heard(now_s):
+        desk = _list_anew(desk)
     desk = replace(desk, snapshot=snapshot, received_s=now_s, link="")
     if before is not None and before.state != snapshot.state:
         desk = replace(desk, scroll=0)
     if before is not None and before.takes_mission and not snapshot.takes_mission:
         desk = replace(desk, entry="", error="")
     return _drop_question_if_void(desk)
+
+
+def noted(desk: Desk, run: str, notes: Tuple[Note, ...]) -> Desk:
+    """Take in the engine's last messages, numbered in one run of it; another run may have other missions."""
+    if desk.run not in ("", run):
+        desk = _list_anew(desk)
+    return replace(desk, run=run, notes=notes)
+
+
+def _list_anew(desk: Desk) -> Desk:
+    """Have the missions listed anew: what is known of them may be that of an engine which is gone."""
+    desk = replace(desk, missions=None, listed_s=None)
+    if desk.question is None or desk.question.request.kind is not RequestKind.SELECT:
+        return desk
+    words = desk.question.request.words
+    return replace(desk, question=None, error=f"Not sent: {words}. The engine lists its missions anew: choose again.")
 
 
 def _drop_question_if_void(desk: Desk) -> Desk:
@@ -91,6 +109,8 @@ def tick(desk: Desk, now_s: float) -> Turn:
     desk = replace(desk, requests=requests)
     if desk.snapshot is None or not desk.snapshot.takes_mission:
         return _forget_missions(desk), ()
+    if not desk.heard(now_s):  # what was being typed is no key that goes out without contact, nor its beginning
+        return desk if desk.listed_s is None else replace(desk, listed_s=None, entry=""), ()
     if desk.listed_s is None or (desk.missions is None and now_s - desk.listed_s > _LIST_AGAIN_S):
         return _send(replace(desk, listed_s=now_s), Request(kind=RequestKind.LIST), now_s)
     return _select_wanted(desk, now_s)
@@ -137,20 +157,31 @@ def press(desk: Desk, key: str, now_s: float) -> Turn:
         return replace(desk, scroll=min(lines, max(0, desk.scroll + _SCROLLS[key]))), ()
     if key == "quit":
         return desk, (Request(kind=RequestKind.QUIT),)
-    if desk.question is not None:
+    binding = binding_of_key(key)
+    if desk.question is not None and not _lands_instead(desk.question, binding):
         yes = key.lower() == "y" or (key == "enter" and desk.question.enter_is_yes)
         return _reply(desk, desk.question, yes, now_s)
-    if desk.snapshot is not None and desk.snapshot.takes_mission:
+    if desk.question is None and desk.snapshot is not None and desk.snapshot.takes_mission:
         return _edit(desk, key, now_s)
     if key.lower() == QUIT_KEY:
         return _quit(desk, now_s)
-    binding = binding_of_key(key)
     return (desk, ()) if binding is None else _command(desk, binding, now_s)
+
+
+def _lands_instead(question: Question, binding: Optional[Binding]) -> bool:
+    """Return whether a key asks for LAND, and not as the answer to that very question: it is held down then."""
+    wanted = binding is not None and binding.command is UserCommand.LAND
+    return wanted and question.request.command is not UserCommand.LAND
 
 
 def typed(desk: Desk, line: str, now_s: float) -> Turn:
     """Take in one line: yes or no, mission ids, a command's name or its key, "quit"."""
     words = " ".join(line.split())
+    named = binding_of_word(words)
+    if desk.question is not None and named is not None and named.command in SAFE:
+        return _command(replace(desk, question=None), named, now_s, sure=True)
+    if desk.question is not None and _lands_instead(desk.question, binding_of_key(words)):
+        return press(desk, words, now_s)
     if desk.question is not None:
         return _reply(desk, desk.question, words.lower() in ("y", "yes"), now_s)
     if not words:
@@ -160,7 +191,7 @@ def typed(desk: Desk, line: str, now_s: float) -> Turn:
         return _choose(desk, words, now_s)
     if words.lower() in (QUIT_KEY, "quit", "exit"):
         return desk, (Request(kind=RequestKind.QUIT),)
-    binding = binding_of_word(words) or binding_of_key(words)
+    binding = named or binding_of_key(words)
     if binding is not None:
         return _command(desk, binding, now_s, sure=len(words) > 1)
     return _choose(desk, words, now_s) if takes_mission else (replace(desk, error=_unknown(desk, words, now_s)), ())

@@ -59,6 +59,7 @@ class Telemetry:
     link_age: Optional[float] = None
     mode: str = ""
     armed: bool = False
+    armed_known: bool = False
     landed: str = ""
     gps: str = ""
     gps_fix: str = ""

@@ -122,7 +122,7 @@ class Session:
         elif isinstance(happening, CollectingCame):
             self.desk = replace(self.desk, collecting=replace(happening.collecting, at_s=self.now()))
         elif isinstance(happening, MessagesCame):
-            self.desk = replace(self.desk, run=happening.run, notes=happening.notes)
+            self.desk = dialog.noted(self.desk, happening.run, happening.notes)
         elif isinstance(happening, MissionsCame):
             self.desk = dialog.listed(self.desk, happening.request_id, happening.missions)
         elif isinstance(happening, AnswerCame):

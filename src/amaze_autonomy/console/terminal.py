@@ -159,7 +159,7 @@ _SCROLLS: Mapping[str, str] = {
 }
 _NO_LETTERS = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 _PASTE, _PASTE_END = "\x1b[200~", "\x1b[201~"
-_SEQUENCE = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|O[ -~]|[^\[O\x1b])")
+_SEQUENCE = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|O[ -~]|(?=[^\[O]))")
 _LONGEST_SEQUENCE = 40
 
 
@@ -214,6 +214,8 @@ class KeyDecoder:
             return None
         self._rest = self._rest[found.end() :]
         self._pasting = found.group() == _PASTE
+        if found.group() == "\x1b":  # another key came with it, on a slow link: Escape is a "no", and must not vanish
+            return ["escape"]
         return [_SCROLLS[found.group()]] if found.group() in _SCROLLS else []
 
 

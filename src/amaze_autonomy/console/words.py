@@ -81,7 +81,8 @@ class Reading(NamedTuple):
     warn: bool = False
 
 
-_OLD_S = 1.5  # the autopilot's status comes five times a second
+OLD_S = 1.5
+"""A status of the autopilot that is older is not of now: it comes five times a second."""
 _NEAR = 0.9  # of a limit
 _NO_FIX = ("no GPS", "no fix", "2D")
 
@@ -91,7 +92,7 @@ def readings(said: Telemetry) -> Tuple[Reading, ...]:
     low = said.battery_fraction is None or said.battery_fraction <= (said.battery_limit or 0.0) + 0.1
     volts, lands = _tenths(said.battery_voltage, "V"), _limit("lands at", fraction(said.battery_limit))
     flown, longest = said.flight_time, said.flight_time_limit
-    old = said.age is None or said.age > _OLD_S
+    old = said.age is None or said.age > OLD_S
     link_s = max(said.age or 0.0, said.link_age or 0.0) if said.link_age is not None else None
     return (
         Reading(
@@ -111,10 +112,16 @@ def readings(said: Telemetry) -> Tuple[Reading, ...]:
             flown is not None and longest is not None and flown > _NEAR * longest,
         ),
         Reading("mode", said.mode or _UNKNOWN),
-        Reading("motors", _UNKNOWN if said.age is None else "armed" if said.armed else "disarmed"),
+        _motors(said),
         _gps(said),
-        Reading("link", age(link_s), "", old or link_s is None or link_s > _OLD_S),
+        Reading("link", age(link_s), "", old or link_s is None or link_s > OLD_S),
     )
+
+
+def _motors(said: Telemetry) -> Reading:
+    if said.age is None or not said.armed_known:  # who stands beside them must not read what nobody knows
+        return Reading("motors", _UNKNOWN, "", said.age is not None)
+    return Reading("motors", "armed" if said.armed else "disarmed")
 
 
 def _gps(said: Telemetry) -> Reading:

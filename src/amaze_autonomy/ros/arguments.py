@@ -88,11 +88,13 @@ _OPTIONS: Mapping[str, str] = {option(name): name for name in ARGUMENTS}
 def given(name: str, words: Optional[Sequence[str]] = None) -> str:
     """Return the value of a word, of the process's command line unless another one is named; else its default.
 
+    An empty value is the default: nobody means the address of all networks by giving none.
+
     Raises:
         StartError: The command line is wrong.
     """
     named, _ = split_words(sys.argv[1:] if words is None else words)
-    return named.get(name, ARGUMENTS[name].default)
+    return named.get(name) or ARGUMENTS[name].default
 
 
 def answer_words(name: str, *about: Optional[str], places: Sequence[str] = ()) -> Optional[int]:

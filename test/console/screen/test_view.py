@@ -71,10 +71,21 @@ def test_scenes_wait_for_what_the_engine_says_and_need_what_it_requires():
 def test_band_and_keys_are_visible_in_any_size(name, width, height):
     lines = draw(SCENES[name], width, height)
     whole = draw(SCENES[name], width)
-    assert len(lines) >= height
+    assert len(lines) == height
     assert {len(line) for line in lines} <= {width}
     assert lines[0] == whole[0]
     assert lines[-1] == whole[-1]
+
+
+@pytest.mark.parametrize("width, height", [(100, 12), (60, 16), (40, 12)])
+@pytest.mark.parametrize("name", ["hold", "land", "mission"])
+def test_a_question_is_on_a_terminal_of_any_size_as_it_is_drawn(name, width, height):
+    answer = Answer("hold", Verdict.NO_ANSWER, "The engine did not answer in time. " * 4, NOW_S, "HOLD")
+    desk = replace(SCENES[name], answer=answer, received_s=NOW_S - 60.0)
+    lines = draw(press(desk, "l", NOW_S)[0], width, height)
+    question = "LAND at the present position? Y or Enter = yes, any other key = no"
+    assert len(lines) == height
+    assert question in " ".join(" ".join(lines).split())
 
 
 @pytest.mark.parametrize("name", SCENES)

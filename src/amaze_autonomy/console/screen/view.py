@@ -2,7 +2,8 @@
 
 From top to bottom: the band (state and time left, large), the message with its advice, what is wrong, progress, the
 table that the state is about, the log of messages; at the bottom, always visible: answer, question, keys. What does not
-fit is cut from the middle, never from the band or the keys, and is there when one scrolls.
+fit is cut from the middle, and is there when one scrolls; of a terminal that has no room for that the lower part of the
+band is cut, never its first line, nor the question or the keys.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ class Screen:
         bottom = self._lines(console, options, footer(self._desk, self._now_s, width, self._style))
         middle = self._middle(console, options, _ALL)
         if self._height is not None:
+            bottom = bottom[-max(1, self._height - 1) :]
+            top = top[: max(1, self._height - len(bottom))]
             room = max(0, self._height - len(top) - len(bottom))
             middle = self._fitted(console, options, middle, room)
             middle += [[Segment(" " * width)]] * (room - len(middle))

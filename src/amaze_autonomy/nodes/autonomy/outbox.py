@@ -339,7 +339,7 @@ class StatePublisher:
 _MESSAGE_LEVELS = {Level.INFO: 0, Level.WARNING: 1, Level.ERROR: 2, Level.ALARM: 3}
 
 
-_TELEMETRY = Shape(Telemetry, "Telemetry", without=("heard_ns",))
+_TELEMETRY = Shape(Telemetry, "Telemetry", without=("heard_ns",), known_by={"armed": "armed_known"})
 _ANSWER = Shape(CommandAnswer, "UserAnswer", named={"text": "message"}, without=("command",))
 
 

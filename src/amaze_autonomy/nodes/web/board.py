@@ -5,7 +5,7 @@ the missions, the recording), and lists in which nothing may be missed (messages
 All words are made here, by the functions that the console uses: the page only places them.
 
 `Orders` takes the commands of viewers. A viewer on a bad link sends each again, under the same id, until it is
-answered: each is carried out once at most, and answered as often as it is asked for.
+answered: each is carried out once at most by one server, and answered as often as it is asked for.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from typing import Any, Deque, Dict, List, Mapping, NamedTuple, Optional, Sequen
 from ...console import dialog
 from ...console.keys import BINDINGS, Binding, offered
 from ...console.link import AnswerCame, CollectingCame, Happening, LinkSays, MessagesCame, MissionsCame, StateCame
-from ...console.model import Desk, PendingFailure, Request, RequestKind, Snapshot, Verdict
+from ...console.model import STALE_AFTER_S, Desk, PendingFailure, Request, RequestKind, Snapshot, Telemetry, Verdict
 from ...console.screen.style import tone_of_check, tone_of_code, tone_of_state
 from ...console.screen.tables import action_words
 from ...console.wire import clean
-from ...console.words import age, duration, fraction, limits, quantity, readings
+from ...console.words import OLD_S, age, duration, fraction, limits, quantity, readings
 from ...engine.events import SAFE, Check, UserCommand
 from ...missions import Frame, MissionPlan, outlines
 
@@ -73,6 +73,7 @@ class Board:
         self._sample = 0
         self._sampled_s = -_SAMPLE_S
         self._listed_s = -_LIST_AGAIN_S
+        self._measured = False  # the last sample is of something measured
 
     def take(self, happening: Happening, now_s: float) -> None:
         """Take in what has happened."""
@@ -80,20 +81,31 @@ class Board:
         if isinstance(happening, StateCame):
             if desk.snapshot is not None and not desk.snapshot.takes_mission and happening.snapshot.takes_mission:
                 self._listed_s = -_LIST_AGAIN_S  # batteries and files may differ by now
-            self.desk = replace(desk, snapshot=happening.snapshot, received_s=now_s, link="")
+            if desk.snapshot is not None and not desk.heard(now_s):
+                self._forget_missions()
+            self.desk = replace(self.desk, snapshot=happening.snapshot, received_s=now_s, link="")
             self._put("state", state_of(happening.snapshot))
+            if desk.collecting is not None:
+                self._put("recording", recording_of(self.desk, now_s))
             self._add_sample(happening.snapshot, now_s)
         elif isinstance(happening, CollectingCame):
             self.desk = replace(desk, collecting=replace(happening.collecting, at_s=now_s))
             self._put("recording", recording_of(self.desk, now_s))
         elif isinstance(happening, MessagesCame):
-            self.desk = replace(desk, run=happening.run, notes=happening.notes)
+            if desk.run not in ("", happening.run):
+                self._forget_missions()
+            self.desk = replace(self.desk, run=happening.run, notes=happening.notes)
         elif isinstance(happening, MissionsCame):
             self.desk = replace(desk, missions=happening.missions)
             self._put("missions", missions_of(self.desk))
         elif isinstance(happening, LinkSays):
             self.desk = replace(desk, link=happening.text, engine=happening.engine or desk.engine)
             self._put("engine", {"name": self.desk.engine, "link": self.desk.link})
+
+    def _forget_missions(self) -> None:
+        """Have the missions listed anew: those that are known may be of an engine which is gone."""
+        self.desk, self._listed_s = replace(self.desk, missions=None), -_LIST_AGAIN_S
+        self._put("missions", [])
 
     def state_at(self, now_s: float) -> Optional[str]:
         """Return the name of the state in which the engine is; None: it is not heard."""
@@ -119,7 +131,6 @@ class Board:
             "age_s": silent,
             "parts": parts,
             "run": self.desk.run,
-            "anew": note == 0,
             "notes": [[each.number, each.clock, each.level, each.text, each.advice] for each in notes],
             "flight": self._flight.first,
             "samples": self._flight.after(have.sample),
@@ -136,9 +147,12 @@ class Board:
         said = snapshot.telemetry
         if snapshot.session_id not in ("", self._session):
             self._session, self._flight = snapshot.session_id, _Flight(self._sample + 1)
-        if said.age is None or now_s - self._sampled_s < _SAMPLE_S:
+        measured = said.age is not None and said.age <= OLD_S
+        if now_s - self._sampled_s < _SAMPLE_S or not (measured or self._measured):
             return
-        self._sample, self._sampled_s = self._sample + 1, now_s
+        self._sample, self._sampled_s, self._measured = self._sample + 1, now_s, measured
+        if not measured:  # a gap: what stands in the state by now was measured before
+            said = Telemetry()
         numbers = (said.position_x, said.position_y, said.altitude, said.speed, said.battery_fraction, said.distance)
         self._flight.add([self._sample, round(now_s, 2), *(None if n is None else round(n, 3) for n in numbers)])
 
@@ -257,24 +271,34 @@ def _command(binding: Binding, snapshot: Snapshot) -> Dict[str, Any]:
 
 def recording_of(desk: Desk, now_s: float) -> Dict[str, Any]:
     """Return the recording on each platform."""
-    said = desk.collecting
-    left_s = desk.remaining_s(now_s)
+    said, left_s = desk.collecting, desk.remaining_s(now_s)
+    doubt = _doubt_of_recording(desk, now_s)
     return {
         "left_s": None if left_s is None else round(left_s),
         "platforms": [
             {
                 "name": each.platform,
-                "growing": each.growing,
+                "growing": each.growing and not doubt,
                 "size": f"{each.bytes / 1e6:.1f} MB",
-                "rate": "-" if each.byte_rate is None else f"{each.byte_rate / 1e6:.2f} MB/s",
+                "rate": "-" if each.byte_rate is None or doubt else f"{each.byte_rate / 1e6:.2f} MB/s",
                 "free": fraction(each.free_fraction),
                 "cpu": fraction(each.cpu_fraction),
                 "dropped": each.dropped,
-                "trouble": each.message,
+                "trouble": doubt or each.message,
             }
             for each in (said.platforms if said is not None else ())
         ],
     }
+
+
+def _doubt_of_recording(desk: Desk, now_s: float) -> str:
+    """Return why what the recorder said last is not said of the present recording; empty: it is."""
+    said, shown = desk.collecting, desk.snapshot
+    if said is None or shown is None:
+        return ""
+    if now_s - said.at_s > STALE_AFTER_S:
+        return f"not heard for {now_s - said.at_s:.0f} s"
+    return "" if said.session_id == shown.session_id else f"of session {said.session_id or '-'}"
 
 
 def missions_of(desk: Desk) -> List[Dict[str, str]]:
@@ -328,7 +352,8 @@ class Orders:
     """Commands that viewers gave, and what became of them.
 
     Args:
-        board_id: an order that was meant for another process is not carried out: that one may have done it.
+        board_id: an order that was meant for another process is not carried out: that one may have done it. What stops
+            the vehicle or brings it down is: done twice it is the same.
         token: without it nobody commands.
     """
 
@@ -375,10 +400,10 @@ class Orders:
     ) -> Optional[Tuple[Verdict, str]]:
         if not self.knows(order.get("token")):
             return Verdict.REFUSED, "The token is not the one of this vehicle: commands need it, looking does not."
-        if order.get("board") != self._board:
-            return Verdict.NO_ANSWER, "The page's server was started anew meanwhile. Look at the state, then ask again."
         if request is None or request.command in SAFE:
             return None
+        if order.get("board") != self._board:
+            return Verdict.NO_ANSWER, "The page's server was started anew meanwhile. Look at the state, then ask again."
         if state is None:
             return Verdict.NO_ANSWER, "Not sent: no contact with the engine."
         if sum(each.answer is None for each in self._orders.values()) >= _OPEN:

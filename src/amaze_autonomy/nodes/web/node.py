@@ -9,9 +9,8 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import threading
 from pathlib import Path
-from typing import Sequence
+from typing import List, Sequence
 from urllib.parse import quote
 
 import rospkg
@@ -52,12 +51,13 @@ def _port() -> int:
 
 
 def _serve(address: str, port: int, token: str, plans: Sequence[object]) -> int:
-    loop, ended = IOLoop.current(), threading.Event()
+    loop = IOLoop.current()
+    closed: List[LinkClosed] = []
     server = PageServer(token, plans)  # type: ignore[arg-type]
 
     def post(happening: Happening) -> None:
         if isinstance(happening, LinkClosed):
-            ended.set()
+            closed.append(happening)
             loop.add_callback(loop.stop)
         else:
             server.post(happening)
@@ -76,4 +76,6 @@ def _serve(address: str, port: int, token: str, plans: Sequence[object]) -> int:
     finally:
         server.close()
         link.close()
+    if any(each.failed for each in closed):
+        raise StartError(closed[0].reason)
     return 0

@@ -7,12 +7,16 @@ const OLD_S = 3, GIVE_UP_S = 15, AGAIN_S = 2, MOST_PAUSE_S = 4, MOST_MESSAGES = 
 const RECORDER = ["START_RECORDING", "DATA_CLEANUP"]; // what it does is what is waited for
 const CHECKED = ["PREFLIGHT", "OUTREACH", "READY", "START_RECORDING", "LOAD_MISSION"];
 const LEVELS = [["", ""], ["WARNING", "warn"], ["ERROR", "bad"], ["ALARM", "bad"]];
+const NOTHING = { name: "WAITING", tone: "warn", where: [], in_flight: false, takes_mission: false, left_s: null, limit: "",
+  message: "", level: 0, advice: "", waiting_for: "", faults: [], checks: [], readings: [], commands: [], waypoint: [0, 0],
+  recording: "", progress: null, data: "" }; // what is shown of an engine that this server has not heard yet
+const DRIFT = 0.0005; // by which two clocks may go apart
 const ANSWERS = { "DONE": "good", "ALREADY": "info", "REFUSED": "bad", "NO ANSWER": "bad", "NOT SENT": "bad" };
 
 const have = { board: "", run: "", note: 0, sample: 0 };
 const orders = new Map();
 let parts = {}, samples = [], flown = [], step = 1, socket = null, pauseS = 0.25, connected = false;
-let heardMs = 0, stateMs = 0, beat = 0, beatMs = 0, ageS = null;
+let heardMs = 0, stateMs = 0, beat = 0, beatMs = 0, ageS = null, wayS = Infinity, lateS = 0;
 let question = null, answer = null, token = "", mayCommand = false, sound = null, soundedMs = 0, chimed = "";
 
 const nowMs = () => performance.now();
@@ -70,16 +74,30 @@ function take(news) {
     mayCommand = news.token;
     return render();
   }
-  if (news.board !== have.board) [parts, samples, flown, step, have.sample, have.board] = [{}, [], [], 1, 0, news.board];
+  if (news.board !== have.board) {
+    [parts, samples, flown, step, have.sample, have.board] = [{}, [], [], 1, 0, news.board];
+    wayS = Infinity;
+  }
+  measureTheWay(news.beat);
   [beat, beatMs, ageS] = [news.beat, heardMs, news.age_s];
   Object.assign(parts, news.parts);
-  if (news.parts.state) stateMs = heardMs - ageS * 1000;
+  if (news.parts.state) stateMs = heardMs - (ageS + lateS) * 1000;
+  if (news.parts.missions && question && question.what.missions) { // its text is that of the list before
+    tell(question.words, "NOT SENT", "the missions are listed anew: choose again.");
+    question = null;
+  }
   takeNotes(news);
   takeSamples(news);
   news.answers.forEach(takeAnswer);
   $("viewers").textContent = news.viewers === 1 ? "1 viewer" : `${news.viewers} viewers`;
   render();
   if (news.samples.length || news.parts.state || news.parts.plans) draw();
+}
+
+function measureTheWay(sentS) { // what was longer under way than the fastest is older by that; no clock is set by another
+  const way = heardMs / 1000 - sentS;
+  wayS = Math.min(way, wayS + (heardMs - beatMs) / 1000 * DRIFT);
+  lateS = way - wayS;
 }
 
 function takeSamples(news) {
@@ -199,31 +217,27 @@ $("token-form").onsubmit = (event) => {
 // --- what is shown ---
 
 function lost() {
-  const linkS = (nowMs() - heardMs) / 1000, engineS = ageS === null ? 0 : ageS + (nowMs() - beatMs) / 1000;
+  const linkS = (nowMs() - heardMs) / 1000 + lateS, engineS = ageS === null ? 0 : ageS + (nowMs() - beatMs) / 1000;
   if (linkS > OLD_S) return `NO CONTACT with the vehicle's computer for ${Math.floor(linkS)} s.`;
   return engineS > OLD_S ? `THE ENGINE is silent for ${Math.floor(engineS)} s.` : "";
 }
 
 function render() {
-  const state = parts.state, gone = lost();
+  const state = parts.state || NOTHING, gone = lost();
   document.body.classList.toggle("old", Boolean(gone));
   $("lost").hidden = !gone;
-  const watch = state && state.in_flight ? " Below is what was heard last: watch the vehicle, be ready to take over." : "";
+  const watch = state.in_flight ? " Below is what was heard last: watch the vehicle, be ready to take over." : "";
   $("lost").textContent = gone ? gone + watch : "";
-  const alive = `connected, ${((nowMs() - beatMs) / 1000 + (ageS || 0)).toFixed(1)} s old`;
+  const oldS = ((nowMs() - beatMs) / 1000 + lateS + (ageS || 0)).toFixed(1);
+  const alive = parts.state ? `connected, ${oldS} s old` : "connected, no engine heard";
   $("link").textContent = gone || !connected ? "no contact" : mayCommand ? alive : `${alive}; commands need the token`;
-  if (!state) {
-    const waits = parts.engine && parts.engine.link;
-    $("where").textContent = waits || "Waiting for the engine. If it is not running: start the launch file.";
-    forgetTheLate();
-    renderCommands();
-    return;
-  }
+  const waits = (parts.engine && parts.engine.link) || "Waiting for the engine. If it is not running: start the launch file.";
   const passedS = (nowMs() - stateMs) / 1000, [word, tone] = LEVELS[Math.min(3, state.level)];
-  document.title = $("state").textContent = state.name.replaceAll("_", " ");
+  document.title = $("state").textContent = connected ? state.name.replaceAll("_", " ") : "CONNECTING";
   $("band").dataset.tone = state.tone;
   $("left").textContent = state.left_s === null ? "" : clock(Math.max(0, state.left_s - passedS));
-  $("where").textContent = [...state.where, state.limit ? `time left: ${state.limit}` : ""].filter(Boolean).join(" | ");
+  const where = parts.state ? [...state.where, state.limit ? `time left: ${state.limit}` : ""] : [waits];
+  $("where").textContent = where.filter(Boolean).join(" | ");
   const words = state.level >= LEVELS.length - 1 ? "" : state.message; // an alarm stands above, large
   fill("message", word ? [element("span", word, "", tone), ` ${words}`] : [words]);
   $("waiting").textContent = state.waiting_for ? `Waiting for: ${state.waiting_for}` : "";
@@ -391,9 +405,10 @@ function plot(id, traces, more) {
 }
 
 function draw() {
-  if (!window.Plotly || document.hidden || !parts.state) return;
-  drawTrack(colours(), parts.state, (parts.plans || {})[parts.state.mission]);
-  drawPlots(colours(), parts.state);
+  const state = parts.state || NOTHING;
+  if (!window.Plotly || document.hidden) return;
+  drawTrack(colours(), state, (parts.plans || {})[state.mission]);
+  drawPlots(colours(), state);
 }
 
 function circle([x, y], radius) {
@@ -423,8 +438,9 @@ function drawTrack(c, state, plan) {
   const first = samples.length ? samples[0][0] : 0, track = [...flown.filter((each) => each[0] < first), ...samples];
   add(track.map((each) => [each[2], each[3]]), "flown", "lines", { line: { color: c.track, width: 4 } });
   add([[0, 0]], "takeoff place", "markers", { marker: { symbol: "x", size: 13, color: c.home } });
-  const last = samples[samples.length - 1], outline = { width: 2, color: c.fore };
-  if (last) add([[last[2], last[3]]], "vehicle", "markers", { marker: { size: 16, color: c.track, line: outline } });
+  const last = [...samples].reverse().find((each) => each[2] !== null), outline = { width: 2, color: c.fore };
+  const now = samples[samples.length - 1] === last ? "vehicle" : "vehicle, where it was heard last";
+  if (last) add([[last[2], last[3]]], now, "markers", { marker: { size: 16, color: c.track, line: outline } });
   const atLeast = { include: [-2, 2] }; // metres: a vehicle that stands does not wander over the whole picture
   const axis = { gridcolor: c.grid, zerolinecolor: c.grid, autorangeoptions: atLeast };
   const yaxis = { ...axis, title: { text: "north, m" }, scaleanchor: "x" };
@@ -433,7 +449,7 @@ function drawTrack(c, state, plan) {
 
 function drawPlots(c, state) {
   const last = samples[samples.length - 1];
-  if (!last) return;
+  if (!last) return void Plotly.purge("plots");
   const times = samples.map((each) => (each[1] - last[1]) / 60), traces = [], axes = {};
   const rows = [["altitude, m", 4, 1, state.altitude_limit], ["speed, m/s", 5, 1, null],
     ["from home, m", 7, 1, state.distance_limit], ["battery, %", 6, 100, state.battery_limit]];
@@ -454,10 +470,14 @@ function drawPlots(c, state) {
 
 // --- begin ---
 
+function unescaped(typed) { // by hand somebody may have typed a bare %
+  try { return decodeURIComponent(typed); } catch (error) { return typed; }
+}
+
 if (!window.Plotly) [$("track-part").hidden, $("plots-part").hidden, $("no-plots").hidden] = [true, true, false];
 try { token = sessionStorage.getItem("token") || ""; } catch (error) { token = ""; }
 if (location.hash.length > 1) {
-  useToken(decodeURIComponent(location.hash.slice(1)));
+  useToken(unescaped(location.hash.slice(1)));
   history.replaceState(null, "", location.pathname); // not into bookmarks, nor into pictures of the screen
 }
 dark.addEventListener("change", draw);
