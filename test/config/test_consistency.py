@@ -40,6 +40,14 @@ def test_a_landing_from_the_height_limit_of_a_mission_must_fit_its_time(mistake,
     )
 
 
+def test_a_mission_needs_something_before_takeoff(mistake, small_file):
+    overrides = [f"sensors.components.{name}.required=false" for name in ("gps", "camera")]
+    assert mistake("missions.yaml", small_file("missions.yaml"), overrides) == (
+        "missions.yaml:2: missions.1.required: is empty, and every component of sensors.yaml has required: false; "
+        "must list what must work before takeoff, or one of those must be required"
+    )
+
+
 @pytest.mark.parametrize(
     "line, message",
     [
@@ -129,6 +137,28 @@ def test_a_flight_longer_than_the_limit_of_all_flights_is_refused(mistake, small
             "2: start_limit_s: is 15; must be below recording.recording_start_limit_s of autonomy.yaml (15), "
             "or nobody hears why",
         ),
+        (
+            "{topics: [/camera/image]}",
+            '{topics: [/camera/image], match: ["/x.*"], exclude: ".*image"}',
+            "6: groups.all.topics.0: /camera/image is excluded by .*image; must not be: it would not be recorded",
+        ),
+        (
+            "{topics: [/camera/image]}",
+            '{topics: [lrf/range], match: ["/x.*"], exclude: "/lrf/.*"}',
+            "6: groups.all.topics.0: lrf/range is excluded by /lrf/.*; must not be: it would not be recorded",
+        ),
+        (
+            "{topics: [/camera/image]}",
+            '{topics: [/camera/image], match: ["/x.*", "*/image"]}',
+            "6: groups.all.match.1: is the text '*/image' (nothing to repeat at position 0); "
+            "must be a regular expression of topic names",
+        ),
+        (
+            "{topics: [/camera/image]}",
+            '{topics: [/camera/image], exclude: "/camera/(.*"}',
+            "6: groups.all.exclude: is the text '/camera/(.*' (missing ), unterminated subpattern at position 8); "
+            "must be a regular expression of topic names",
+        ),
         ("folder: ~/recordings", "folders: ~/x", "1: folders: is an unknown key; did you mean folder?"),
         (
             "folder: ~/recordings",
@@ -162,6 +192,23 @@ CHECKED = [
 ]
 
 
+def test_the_autopilot_node_answers_before_the_engine_stops_waiting(mistake, small_file):
+    assert mistake("autopilot.yaml", "backend: mavlink\ncommands: {reply_s: 1.0}\n") == (
+        "autopilot.yaml:2: commands.reply_s: is 1; "
+        "must be below commands.command_reply_limit_s of autonomy.yaml (1), or no answer comes in time"
+    )
+
+
+def test_an_estimator_that_must_be_told_to_begin_has_less_time_than_the_checks(mistake, small, small_file):
+    sensors = small_file("sensors.yaml") + "initialisation: {limit_s: 60.0}\n"
+    (small / "sensors.yaml").write_text(sensors)
+    load_configuration(small)  # none is asked, and nobody waits
+    assert mistake("sensors.yaml", sensors, ["sensors.initialisation.service=/init"]) == (
+        "sensors.yaml:16: initialisation.limit_s: is 60; "
+        "must be below checks.preflight_fix_limit_s of autonomy.yaml (60), or it is not waited for"
+    )
+
+
 @pytest.mark.parametrize(
     "group, expected",
     [
@@ -171,6 +218,8 @@ CHECKED = [
         ('{topics: [/a], match: ["/camera"]}', ["/camera/image (component camera)", *CHECKED]),
         ('{topics: [/a], match: [".*"], exclude: ".*/image"}', ["/camera/image (component camera)"]),
         ('{topics: [/a], match: [".*"], exclude: "image"}', []),
+        ('{topics: [/camera/image], exclude: ".*/image"}', CHECKED),
+        ('{topics: [/camera/image], match: ["/lrf/.*", "/odometry"]}', ["/px4/imu (state_estimation.imu_topic)"]),
     ],
 )
 def test_what_is_watched_and_not_recorded_is_said(small, group, expected):

@@ -26,6 +26,7 @@ from amaze_autonomy.monitoring.specs import (
     StateEstimationSpec,
     TopicSpec,
 )
+from amaze_autonomy.paths import config_folder
 
 S = 1_000_000_000
 
@@ -100,6 +101,20 @@ missions:
             max_flight_time_ns=70 * S,
         ),
     )
+
+
+def test_a_mission_that_lists_none_needs_the_components_that_are_required():
+    whole = load_configuration(config_folder())
+    names = tuple(component.name for component in whole.components)
+    assert whole.missions[0].required == (), "all are: the engine reads it so"
+    without = load_configuration(config_folder(), ["sensors.components.realsense_imu.required=false"])
+    assert {mission.required for mission in without.missions} == {tuple(n for n in names if n != "realsense_imu")}
+    assert "realsense_imu" in names
+
+
+def test_what_a_mission_lists_counts_whatever_the_components_say(small):
+    overrides = ["sensors.components.gps.required=false", "missions.missions.1.required=[gps]"]
+    assert load_configuration(small, overrides).missions[0].required == ("gps",)
 
 
 def test_a_mission_that_is_not_there_is_a_key_error(small):

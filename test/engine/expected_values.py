@@ -160,6 +160,7 @@ VALUES: Dict[str, Tuple[str, ...]] = {
     "next_takeoff": ("oldest check: 0.38 of 10.0 s", "planner phase: 'LOADED'"),
     "at_takeoff_height": ("height: 1.0999999999999999 of 1.0 m",),
     "acknowledged": ("user: 'acknowledge'",),
+    "acknowledged_unknown": ("user: 'acknowledge'",),
     "nothing_to_collect": ("recording: 'never started'",),
     "data_complete": ("recording: 'COMPLETE'", "location: '/data/test-001'"),
     "data_lost": ("recording: 'COMPLETE'", "location: '/data/test-001'", "lost: 'second: 37.9 s'"),

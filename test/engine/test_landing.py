@@ -377,3 +377,5 @@ def test_a_landing_of_which_nothing_is_known_any_more_may_be_given_up():
     story.after(2.5)
     assert story.user("acknowledge")[0] == "DONE"
     story.expect("DATA_CLEANUP")
+    assert "landing_given_up" in story.told
+    assert "data_cleanup" not in story.told

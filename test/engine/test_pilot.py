@@ -292,4 +292,5 @@ def test_a_vehicle_that_fell_silent_in_the_pilots_hands_may_be_given_up(heard):
     words = "Acknowledged; whether it has landed and is disarmed is not known."
     assert story.user("acknowledge") == ("DONE", words)
     story.expect("DATA_CLEANUP")
-    assert story.motions == []
+    assert ("landing_given_up" in story.told, story.motions) == (True, [])
+    assert "data_cleanup" not in story.told

@@ -363,7 +363,7 @@ ROWS = (
         lambda story: (story.silent.append("planner"), story.after(1.2)),
         "LAND descending",
         BOTH,
-        "land_second_route",
+        "land_both_routes",
     ),
     Row(
         "disarm_on_ground",
@@ -477,7 +477,7 @@ ROWS = (
     ),
     Row("user_give_up_before_recording", "PREFLIGHT", user("give_up"), "MISSION_INPUT", (), "mission_input"),
     Row("user_give_up", "START_RECORDING", user("abort"), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
-    Row("checks_passed_too_often", "MISSION_INPUT", taken_back_again_and_again, "OUTREACH", (), "checks_failed"),
+    Row("checks_passed_too_often", "MISSION_INPUT", taken_back_again_and_again, "OUTREACH", (), "no_takeoff"),
     Row("checks_not_kept", "MISSION_INPUT", taken_back_for_good, "OUTREACH", (), "checks_failed"),
     Row("checks_passed", "MISSION_INPUT", lambda story: story.select().after(0.1), "READY", (), "ready"),
     Row(
@@ -552,6 +552,14 @@ ROWS = (
     Row("at_takeoff_height", "TAKEOFF climbing", waits(2.0), "MISSION flying", (), "mission"),
     # after the flight
     Row("acknowledged", "PILOT landed", user("acknowledge"), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
+    Row(
+        "acknowledged_unknown",
+        "PILOT",
+        lambda story: (story.silent.append("autopilot"), story.after(31.0), user("acknowledge")(story)),
+        "DATA_CLEANUP",
+        ("StopRecording",),
+        "landing_given_up",
+    ),
     Row(
         "nothing_to_collect",
         "MISSION_INPUT",

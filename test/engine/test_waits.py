@@ -445,6 +445,20 @@ def test_every_state_but_four_shows_a_deadline(place):
         assert shown[1] > story.now
 
 
+@pytest.mark.parametrize("who", ["the flight time", "the user"])
+def test_a_landing_shows_the_time_by_which_it_must_be_down_and_not_that_of_the_flight(who):
+    story = at("MISSION flying")
+    story.vehicle.obeys = False
+    if who == "the user":
+        story.user("land")
+    flown_ns = story.now - story.state.flight.started_ns
+    limit_ns = flown_ns + (S // 5 if who == "the flight time" else 30 * S)
+    story.rules = replace(story.rules, limits=replace(story.rules.limits, max_flight_time_ns=limit_ns))
+    story.after(1.0).expect("LAND")
+    name, at_ns = timers.state_deadline(story.state, story.rules)
+    assert (name, at_ns > story.now) == ("land_limit", True)
+
+
 @pytest.mark.parametrize(
     "place",
     ["TAKEOFF climbing", "MISSION flying", "HOLD holding", "HOLD confirming", "HOLD resuming", "LAND descending"],

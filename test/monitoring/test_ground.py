@@ -50,6 +50,13 @@ def test_the_limits_of_the_message_count_where_they_make_sense(
     assert seen_m(reading, SPEC, low, high) == seen
 
 
+@pytest.mark.parametrize("reading, seen", [(1500.0, 1.5), (19.0, None), (30000.0, None)])
+def test_the_limits_of_the_message_are_in_its_units(reading: float, seen: Optional[float]):
+    assert seen_m(reading, MILLIMETRES, 20.0, 30000.0) == seen
+    nearest = nearest_return([reading], MILLIMETRES, 20.0, 30000.0)
+    assert (nearest == reading) is (seen is not None)
+
+
 def test_of_a_scan_the_nearest_valid_return_counts():
     assert nearest_return([nan, inf, 0.0, 3.0, 2.0, -1.0], SPEC, 0.1, 10.0) == 2.0
     empty = nearest_return([nan, inf], SPEC)

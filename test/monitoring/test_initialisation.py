@@ -47,10 +47,19 @@ def test_it_is_asked_once_and_what_is_lacking_comes_by_itself_until_a_limit():
     initialisation.answered(3 * S)
     rows, due = initialisation.check(13 * S - 1, (BAD,))
     assert (due, said(rows)) == (False, [(ROW, Verdict.PASS, False), ("estimate age", Verdict.FAIL, True)])
-    assert initialisation.check(12 * S, (GOOD,)) == ((GOOD,), False)
     rows, due = initialisation.check(13 * S, (BAD,))
     assert (due, said(rows)) == (False, [(ROW, Verdict.FAIL, False), ("estimate age", Verdict.FAIL, False)])
     assert rows[0].advice == "/mars/init_service was asked, and the states did not become valid"
+
+
+def test_states_that_became_valid_and_are_not_any_more_are_asked_for_anew():
+    initialisation = Initialisation(SPEC, 2 * S)
+    for begin_s in (0, 1800):
+        initialisation.heard(begin_s * S, armed=False)
+        rows, due = initialisation.check(begin_s * S, (BAD,))
+        assert (due, said(rows)[0]) == (True, (ROW, Verdict.UNKNOWN, True))
+        initialisation.answered((begin_s + 1) * S)
+        assert initialisation.check((begin_s + 2) * S, (GOOD,)) == ((GOOD,), False)
 
 
 def test_a_refusal_is_said_once_and_a_retry_asks_again():

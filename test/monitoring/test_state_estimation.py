@@ -232,6 +232,29 @@ def test_a_vehicle_that_was_not_watched_for_long_enough_is_not_known_to_be_still
     assert unknown == {"estimate drift", "shaking", "turning"}
 
 
+def test_an_imu_without_a_gyroscope_is_named_when_it_was_observed_for_long_enough():
+    row = failed(on_the_pad(turn_rate=None).check(NOW))["turning"]
+    advice = "/px4/imu measures no turn rate: name an IMU with a gyroscope"
+    assert row == Check("turning", Verdict.UNKNOWN, None, 0.1, "rad/s", None, advice)
+    monitor = StateEstimationMonitor()
+    for index in range(101):
+        monitor.add_imu(index * S // 100, (0.0, 0.0, G), None)
+    assert failed(monitor.check(S))["turning"].heals, "not observed for long enough"
+    few = StateEstimationMonitor(StateEstimationSpec(min_samples=10))
+    for index in range(9):
+        few.add_imu(index * S // 3, (0.0, 0.0, G), None)
+    assert failed(few.check(8 * S // 3))["turning"].heals, "too few samples to tell"
+
+
+@pytest.mark.parametrize("gap_ns, verdict", [(10 * S, Verdict.UNKNOWN), (S // 2, Verdict.PASS)])
+def test_an_estimate_that_comes_back_after_a_gap_is_observed_from_there(gap_ns: int, verdict: Verdict):
+    monitor, begin_ns = on_the_pad(), NOW + gap_ns
+    for index in range(37):
+        monitor.add_estimate(begin_ns + index * S // 30, LEVEL)
+    row = next(row for row in monitor.check(begin_ns + 36 * S // 30).checks if row.name == "estimate drift")
+    assert (row.verdict, row.heals) == (verdict, verdict is Verdict.UNKNOWN)
+
+
 def test_an_estimator_that_begins_anew_is_judged_by_what_comes_from_then_on():
     elsewhere = LEVEL._replace(position=(9.0, 2.0, 0.0))
     jumped, anew = on_the_pad(), on_the_pad()

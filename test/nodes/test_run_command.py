@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 pytest.importorskip("rospy")
 
+from amaze_autonomy.nodes.watchdog import restarter
 from amaze_autonomy.nodes.watchdog.restarter import Outcome, run_command
 
 
@@ -64,6 +66,60 @@ def test_the_limit_holds_however_much_it_says(code):
     began_s = time.monotonic()
     assert run_command(python(code), 0.3).good is False
     assert time.monotonic() - began_s < 10.0
+
+
+DAEMON = """
+import subprocess, sys
+print("begun", flush=True)
+subprocess.Popen([sys.executable, "-c", '''
+import pathlib, time
+while not pathlib.Path("go").exists():
+    time.sleep(0.01)
+print("x" * 1000000, flush=True)
+pathlib.Path("said").touch()
+'''])
+"""
+"""A command that leaves a daemon behind, which says more than a pipe holds when it is told to go on."""
+
+
+def test_what_a_daemon_that_it_leaves_behind_says_is_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run_command(python(DAEMON), 15.0) == Outcome(good=True, message="begun")
+    go_on(tmp_path)
+
+
+def test_a_daemon_that_it_leaves_behind_goes_on_when_the_watchdog_has_ended(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code = "import sys; from amaze_autonomy.nodes.watchdog.restarter import run_command; run_command(sys.argv[1:], 15)"
+    subprocess.run([*python(code), *python(DAEMON)], check=True, timeout=60)
+    go_on(tmp_path)
+
+
+def go_on(folder):
+    """Tell the daemon to say much, and wait until it has said it."""
+    (folder / "go").touch()
+    began_s = time.monotonic()
+    while not (folder / "said").exists():
+        assert time.monotonic() - began_s < 30.0, "the daemon has died of what it said"
+        time.sleep(0.01)
+
+
+def test_who_read_a_daemon_that_has_ended_is_no_zombie_for_ever(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_command(python(DAEMON), 15.0)
+    reader = restarter._READERS[-1]
+    go_on(tmp_path)
+    assert reader.wait(30.0) == 0
+    run_command(["/bin/sh", "-c", "sleep 0.5 &"], 10.0)
+    assert reader not in restarter._READERS
+
+
+def test_a_daemon_that_nobody_can_read_is_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(restarter, "_READER", ("/no/such/program",))
+    told = "begun; what it left running may end with its next output: nobody reads it"
+    assert run_command(python(DAEMON), 15.0) == Outcome(good=True, message=told)
+    (tmp_path / "go").touch()
 
 
 def test_a_daemon_that_it_leaves_behind_is_not_waited_for():

@@ -70,6 +70,45 @@ def check_planner(autonomy: Mapping[str, Any], missions: Mapping[str, Any], plac
             refuse_at(("planner", pause), places, f"is {planner[pause]:g}", right)
 
 
+def check_required(sensors: Mapping[str, Any], missions: Mapping[str, Any], places: Places) -> None:
+    """Check that each mission needs something before takeoff: an empty list would stand for all.
+
+    Raises:
+        ConfigError: about a mission that lists nothing where no component is required; `places` are of missions.yaml.
+    """
+    if any(component["required"] for component in sensors["components"].values()):
+        return
+    for mission_id, mission in missions["missions"].items():
+        if not mission["required"]:
+            wrong = "is empty, and every component of sensors.yaml has required: false"
+            right = "must list what must work before takeoff, or one of those must be required"
+            refuse_at(("missions", mission_id, "required"), places, wrong, right)
+
+
+def check_initialisation(autonomy: Mapping[str, Any], sensors: Mapping[str, Any], places: Places) -> None:
+    """Check that an estimator that does not begin is noticed before the engine stops waiting; `places` of sensors.yaml.
+
+    Raises:
+        ConfigError: about the limit of the estimator.
+    """
+    limit, own = autonomy["checks"]["preflight_fix_limit_s"], sensors["initialisation"]["limit_s"]
+    if sensors["initialisation"]["service"] and own >= limit:
+        right = f"must be below checks.preflight_fix_limit_s of autonomy.yaml ({limit:g}), or it is not waited for"
+        refuse_at(("initialisation", "limit_s"), places, f"is {own:g}", right)
+
+
+def check_replies(autonomy: Mapping[str, Any], autopilot: Mapping[str, Any], places: Places) -> None:
+    """Check that the autopilot node answers before the engine stops waiting; `places` are of autopilot.yaml.
+
+    Raises:
+        ConfigError: about the time in which it answers.
+    """
+    limit, own = autonomy["commands"]["command_reply_limit_s"], autopilot["commands"]["reply_s"]
+    if own >= limit:
+        right = f"must be below commands.command_reply_limit_s of autonomy.yaml ({limit:g}), or no answer comes in time"
+        refuse_at(("commands", "reply_s"), places, f"is {own:g}", right)
+
+
 def check_known(names: Iterable[str], known: Iterable[str], what: str, here: Address, places: Places) -> None:
     """Check that every name is known; `here` is the address of the list, or of the group whose keys they are.
 
@@ -98,7 +137,7 @@ def check_recorder_limits(autonomy: Mapping[str, Any], recording: Mapping[str, A
 
 
 def check_recording(values: Mapping[str, Any], places: Places) -> None:
-    """Check that platforms record groups that exist, every topic once, and that what may be lost is recorded.
+    """Check that platforms record groups that exist, each topic once and none that is excluded, and what may be lost.
 
     Raises:
         ConfigError: about the first key that cannot be.
@@ -121,11 +160,20 @@ def check_recording(values: Mapping[str, Any], places: Places) -> None:
     for group in values["groups"]:
         if not any(group in content["groups"] for content in values["platforms"].values()):
             refuse_at(("groups", group), places, "is recorded by no platform", "must be in the groups of one")
+        _check_excluded(group, values["groups"][group], places)
     for position, topic in enumerate(values["tolerated_topics"]):
         if not any(_records(group, topic) for group in values["groups"].values()):
             close = difflib.get_close_matches(topic, list(recorded), n=1)
             right = f"did you mean {close[0]}?" if close else "must be a topic of a group"
             refuse_at(("tolerated_topics", str(position)), places, f"{topic} is recorded by no group", right)
+
+
+def _check_excluded(name: str, group: Mapping[str, Any], places: Places) -> None:
+    """Check that a group records its topics: rosbag looks at what is excluded before anything else."""
+    for position, topic in enumerate(group["topics"]):
+        if not _records(group, topic):
+            at = ("groups", name, "topics", str(position))
+            refuse_at(at, places, f"{topic} is excluded by {group['exclude']}", "must not be: it would not be recorded")
 
 
 def unrecorded_topics(sensors: Mapping[str, Any], recording: Mapping[str, Any]) -> List[str]:
@@ -285,12 +333,14 @@ def _watched(sensors: Mapping[str, Any]) -> Iterator[Tuple[str, str, str]]:
 
 
 def _records(group: Mapping[str, Any], topic: str) -> bool:
-    """Return whether a group records a topic; rosbag matches its expressions as a whole."""
-    if topic in group["topics"]:
-        return True
-    if group["exclude"] and re.fullmatch(group["exclude"], topic):
+    """Return whether a group records a topic; rosbag matches its expressions as a whole, what is excluded first.
+
+    To rosbag the name of a topic is resolved; outside of any namespace here, as most are.
+    """
+    resolved = "/" + topic.replace("~", "autonomy/").lstrip("/")
+    if group["match"] and group["exclude"] and re.fullmatch(group["exclude"], resolved):
         return False
-    return any(re.fullmatch(pattern, topic) for pattern in group["match"])
+    return topic in group["topics"] or any(re.fullmatch(pattern, resolved) for pattern in group["match"])
 
 
 # --- order ------------------------------------------------------------------------------------------------------------

@@ -16,9 +16,12 @@ from .consistency import (
     check_components,
     check_heights,
     check_order,
+    check_initialisation,
     check_planner,
     check_recorder_limits,
     check_recording,
+    check_replies,
+    check_required,
 )
 from .document import Entry, Scalar, Table, entry_of, parse, read, replace
 from .errors import ConfigError, Place
@@ -120,6 +123,10 @@ def _check(values: Mapping[str, Any], places: Mapping[str, Places]) -> None:
     if "missions" in values:
         check_heights(values["autonomy"], values["missions"], places["missions"])
         check_planner(values["autonomy"], values["missions"], places["missions"])
+        check_required(values["sensors"], values["missions"], places["missions"])
+        check_initialisation(values["autonomy"], values["sensors"], places["sensors"])
+    if "autopilot" in values:
+        check_replies(values["autonomy"], values["autopilot"], places["autopilot"])
     if "recording" in values:
         check_recording(values["recording"], places["recording"])
         check_recorder_limits(values["autonomy"], values["recording"], places["recording"])
@@ -131,8 +138,7 @@ def _configuration(
     autonomy, sensors, missions = values["autonomy"], values["sensors"], values["missions"]
     rules = rules_of(autonomy, sensors)
     components = components_of(sensors, places["sensors"])
-    names = tuple(component.name for component in components)
-    plans = plans_of(folder, missions, files, rules.limits, names, places["missions"])
+    plans = plans_of(folder, missions, files, rules.limits, components, places["missions"])
     autopilot = autopilot_of(values["autopilot"], places["autopilot"])
     by_setpoints = any(plan.controller is Controller.OFFBOARD for plan in plans)
     effective = {**values, "trajectories": {name: digest for (name, _), (_, digest) in files.items()}}

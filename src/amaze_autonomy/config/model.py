@@ -182,7 +182,14 @@ def initialisation_of(sensors: _Values, places: Places) -> InitialisationSpec:
     return make(InitialisationSpec, values, ("initialisation",), places, **types)
 
 
-def mission_of(mission_id: str, values: _Values, flights: int, needed_fraction: float, duration_s: float) -> Mission:
+def mission_of(
+    mission_id: str,
+    values: _Values,
+    components: Tuple[ComponentSpec, ...],
+    flights: int,
+    needed_fraction: float,
+    duration_s: float,
+) -> Mission:
     """Return a mission as the engine sees it; `flights` of a repetition."""
     limits = {field.name: None for field in fields(Mission) if field.name.startswith("max_")}
     for name in limits:
@@ -196,10 +203,16 @@ def mission_of(mission_id: str, values: _Values, flights: int, needed_fraction: 
         battery_needed_fraction=needed_fraction,
         estimated_duration_s=duration_s,
         severities=tuple((name, Severity(value)) for name, value in values["severities"].items()),
-        required=tuple(values["required"]),
+        required=tuple(values["required"]) or _required(components),
         tolerated=tuple(values["tolerated"]),
         **limits,
     )
+
+
+def _required(components: Tuple[ComponentSpec, ...]) -> Tuple[str, ...]:
+    """Return what a mission needs that lists nothing; empty, which stands for all, when every component is required."""
+    required = tuple(component.name for component in components if component.required)
+    return required if len(required) < len(components) else ()
 
 
 def recording_of(recording: _Values, places: Places) -> Recording:

@@ -38,6 +38,7 @@ from amaze_autonomy.missions import (
     polygon_problem,
     total,
 )
+from amaze_autonomy.monitoring.specs import ComponentSpec
 
 from .consistency import check_known
 from .errors import ConfigError, Place
@@ -112,7 +113,12 @@ def _config_error(error: WaypointError, folder: Path) -> ConfigError:
 
 
 def plans_of(
-    folder: Path, missions: Mapping[str, Any], files: Files, limits: Limits, components: Tuple[str, ...], places: Places
+    folder: Path,
+    missions: Mapping[str, Any],
+    files: Files,
+    limits: Limits,
+    components: Tuple[ComponentSpec, ...],
+    places: Places,
 ) -> Tuple[MissionPlan, ...]:
     """Plan every mission, in the order of the file.
 
@@ -121,10 +127,11 @@ def plans_of(
     """
     model = make(FlightModel, missions["flight"], ("flight",), places)
     bounds = make(Bounds, missions["bounds"], ("bounds",), places)
+    names = tuple(component.name for component in components)
     plans: List[MissionPlan] = []
     for mission_id, values in missions["missions"].items():
         here = ("missions", mission_id)
-        _check_names(values, components, here, places)
+        _check_names(values, names, here, places)
         home = home_of(values, files)
         own = values["limits"]
         reach = (own["max_height_m"] or limits.max_height_m, own["max_distance_m"] or limits.max_distance_m)
@@ -138,7 +145,7 @@ def plans_of(
             raise _config_error(error, folder) from None
         if values["hover_at_end_s"]:
             trajectories = (*trajectories[:-1], trajectories[-1].hovering(values["hover_at_end_s"]))
-        plan = _plan(mission_id, values, trajectories, home, model, limits, places)
+        plan = _plan(mission_id, values, components, trajectories, home, model, limits, places)
         plans.append(replace(plan, fences=fences, land_switch=values["land_switch"]))
     return tuple(plans)
 
@@ -188,6 +195,7 @@ def _check_names(values: Mapping[str, Any], components: Tuple[str, ...], here: A
 def _plan(
     mission_id: str,
     values: Mapping[str, Any],
+    components: Tuple[ComponentSpec, ...],
     trajectories: Tuple[Trajectory, ...],
     home: Optional[Home],
     model: FlightModel,
@@ -212,7 +220,8 @@ def _plan(
         at = (*here, "battery_needed_fraction")
         right = f"must be above the reserve, which it includes ({limits.battery_reserve_fraction:g})"
         raise ConfigError(place_of(at, places), dotted(at), f"is {needed:g}", right)
-    mission = mission_of(mission_id, values, len(trajectories), round(needed, 6), round(whole.duration_s, 6))
+    figures = len(trajectories), round(needed, 6), round(whole.duration_s, 6)
+    mission = mission_of(mission_id, values, components, *figures)
     return MissionPlan(mission, trajectories, first, again, home, Controller(values["controller"]))
 
 

@@ -230,6 +230,9 @@ MESSAGES: Mapping[str, Message] = {
     "checks_failed": Message(
         _E, "Pre-flight checks failed: {reason}", "Follow the advice in the table, then retry, or give up."
     ),
+    "no_takeoff": Message(
+        _E, "No takeoff: all checks passed, but Ready expired or was revoked too often.", "Retry, or give up."
+    ),
     "start_recording": Message(_I, "Recording is starting."),
     "recording_refused": Message(
         _E, "The recorder does not record: {reason}", "Check storage and recorder, then retry, or give up."
@@ -272,18 +275,17 @@ MESSAGES: Mapping[str, Message] = {
     ),
     "clock_runs": Message(_I, "/clock runs again."),
     "land_second_route": Message(_E, "No sign of landing: sending LAND to the autopilot."),
+    "land_both_routes": Message(_E, "Sending LAND to the autopilot, too: {reason}"),
     "land_alarm": Message(_A, "PILOT: THE VEHICLE DOES NOT LAND. TAKE OVER.", "Take over by remote control."),
     "land_limit": Message(_A, "PILOT: NOT LANDED AFTER {limit_s:.0f} s. TAKE OVER.", "Take over by remote control."),
-    "autopilot_lost": Message(
-        _A, "PILOT: THE AUTOPILOT IS SILENT. TAKE OVER IF YOU CAN.", "Take over by remote control."
-    ),
+    "autopilot_lost": Message(_A, "PILOT: TAKE OVER IF YOU CAN: {reason}", "Take over by remote control."),
     "disarm": Message(_W, "On the ground but still armed: disarming.", "Keep clear."),
     "pilot": Message(
         _W,
         "The pilot or the autopilot has control: {reason}",
         "Fly and land; acknowledge when on the ground and disarmed.",
     ),
-    "landing_unconfirmed": Message(_W, "Landed and disarmed; the landing detection does not confirm it: {reason}"),
+    "landing_unconfirmed": Message(_W, "The landing detection does not confirm that it has landed: {reason}"),
     "data_cleanup": Message(_I, "On the ground: recording is stopped, data is collected."),
     "data_incomplete": Message(_E, "The data is not complete: {reason}", "Retry, or give up; nothing is deleted."),
     "mission_ended": Message(_I, "Mission ended: {result}. {location}", "{what_next}"),

@@ -61,7 +61,6 @@ CONDITIONS: Mapping[str, Callable[[Context], bool]] = {
     "being cancelled": lambda context: context.state.step is Step.CANCELLING,
     "a component is waited for": _component_waited,
     "the user holds": lambda context: context.state.flight.user_hold_ns is not None,
-    "resuming": lambda context: context.state.step is Step.RESUMING,
     "landing": lambda context: context.lands(),
     "the pilot was alarmed and the vehicle is silent": lambda context: nobody_knows(context) is not None,
     "the vehicle has been silent for long": lambda context: context.silent_for(context.limits.pilot_silence_limit_ns),

@@ -146,6 +146,11 @@ def hold_not_repeated(context: Context) -> Optional[Seen]:
     return holds_if(not context.state.flight.hold_repeated)
 
 
+def heard_down(context: Context) -> Optional[Seen]:
+    """The vehicle's last word was that it is disarmed and on the ground."""
+    return holds_if(context.last_heard_down())
+
+
 def nobody_knows(context: Context) -> Optional[Seen]:
     """The pilot was alarmed, and the vehicle is not heard any more, or not whether it is armed and has landed."""
     state, status = context.state, context.state.peers.autopilot

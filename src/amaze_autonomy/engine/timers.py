@@ -113,8 +113,9 @@ def _failsafe_timers() -> Iterator[Timer]:
     for row in FAILSAFE_CONDITIONS:
         places = (*_BEFORE_TAKEOFF, *_WATCHED) if row.on_ground else _WATCHED
         for condition in row.when:
-            if isinstance(condition, Silent):
-                yield Timer(condition.timer, places, condition.end_ns, condition.ends_flight)
+            if isinstance(condition, Silent):  # what ends a flight ends nothing more while it lands
+                there = _FLYING if condition.ends_flight else places
+                yield Timer(condition.timer, there, condition.end_ns, condition.ends_flight)
 
 
 TIMERS: Tuple[Timer, ...] = (

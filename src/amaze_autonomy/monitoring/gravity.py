@@ -136,11 +136,14 @@ def describe_tilt(up: Vector) -> str:
 
 
 def likely_mistake(magnitude: float, gravity_m_s2: float) -> str:
-    """Return what is likely wrong when the magnitude of gravity is; never empty."""
+    """Return what is likely wrong when the magnitude of gravity is; never empty.
+
+    A thousandth of g and a centimetre per second squared differ by 2 %, less than sensors do: both are named.
+    """
     units = (("g", 1.0), ("milli-g", 1000.0), ("cm/s^2", 100 * gravity_m_s2), ("mm/s^2", 1000 * gravity_m_s2))
-    for unit, expected in units:
-        if abs(magnitude / expected - 1) < _NEAR:
-            return f"it looks like {unit}: the driver must publish m/s^2"
+    near = [unit for unit, expected in units if abs(magnitude / expected - 1) < _NEAR]
+    if near:
+        return f"it looks like {' or '.join(near)}: the driver must publish m/s^2"
     if magnitude < _NEAR * gravity_m_s2:
         return "it measures next to nothing: is gravity already subtracted, or is the sensor dead?"
     return "calibrate the accelerometer, and keep the vehicle still"

@@ -95,7 +95,11 @@ class Initialisation:
             rows: of the check of the states.
         """
         judged = not (self.spec.always and (self._due or self._asked or self._failure))
-        if not self.spec.service or (judged and all(row.passed for row in rows)):
+        if not self.spec.service:
+            return tuple(rows), False
+        if judged and all(row.passed for row in rows):
+            if not self.spec.always:
+                self._initialised_ns = None  # it has done its work: states that fail later are asked for anew
             return tuple(rows), False
         if self._asked:
             return _waiting(rows, Verdict.UNKNOWN, _UNDER_WAY), False

@@ -34,32 +34,33 @@ from .specs import LandingSpec
 
 
 def seen_m(
-    reading: float, spec: LandingSpec, min_range_m: Optional[float] = None, max_range_m: Optional[float] = None
+    reading: float, spec: LandingSpec, min_range: Optional[float] = None, max_range: Optional[float] = None
 ) -> Optional[float]:
     """Return a reading in metres, or None when it says that nothing was seen.
 
     Args:
         reading: in units of the message.
         spec: its scale, sentinels, and limits.
-        min_range_m: what the message itself says, in metres; None, NaN or nonsense: the specification's.
-        max_range_m: likewise.
+        min_range: what the message itself says, in the same units; None, NaN or nonsense: the specification's.
+        max_range: likewise.
     """
     if not isfinite(reading) or reading * spec.scale < min(0.0, spec.least_m) or reading in spec.sentinels:
         return None
     distance_m = reading * spec.scale
-    least = spec.least_m if min_range_m is None or not 0 < min_range_m < spec.max_range_m else min_range_m
-    most = spec.max_range_m if max_range_m is None or not least < max_range_m < spec.max_range_m else max_range_m
+    own_least, own_most = (None if own is None else own * spec.scale for own in (min_range, max_range))
+    least = spec.least_m if own_least is None or not 0 < own_least < spec.max_range_m else own_least
+    most = spec.max_range_m if own_most is None or not least < own_most < spec.max_range_m else own_most
     return distance_m if least <= distance_m < most else None
 
 
 def nearest_return(
     readings: Iterable[float],
     spec: LandingSpec,
-    min_range_m: Optional[float] = None,
-    max_range_m: Optional[float] = None,
+    min_range: Optional[float] = None,
+    max_range: Optional[float] = None,
 ) -> float:
     """Return the nearest valid reading of a scan, in units of the message; NaN when there is none."""
-    good = [reading for reading in readings if seen_m(reading, spec, min_range_m, max_range_m) is not None]
+    good = [reading for reading in readings if seen_m(reading, spec, min_range, max_range) is not None]
     return min(good, default=float("nan"))
 
 
@@ -184,7 +185,7 @@ class LandingDetector:
         self._autopilot: Tuple[int, VehicleLanded] = (_FAR_PAST_NS, VehicleLanded.UNKNOWN)
 
     def add_range(
-        self, t_ns: int, reading: float, min_range_m: Optional[float] = None, max_range_m: Optional[float] = None
+        self, t_ns: int, reading: float, min_range: Optional[float] = None, max_range: Optional[float] = None
     ) -> bool:
         """Add a reading and the limits that its message says, in its units. Return True when the judgement changed."""
         seen_ns = self._ground.seen_ns
@@ -192,7 +193,7 @@ class LandingDetector:
             self._begin()
         elif seen_ns is not None and t_ns - seen_ns > self.spec.age_limit_ns:
             self._lose(self._stale)
-        self._ground.add(t_ns, seen_m(reading, self.spec, min_range_m, max_range_m))
+        self._ground.add(t_ns, seen_m(reading, self.spec, min_range, max_range))
         if t_ns - self._judged_ns < STEP_NS:
             return False
         before = self._landed

@@ -218,9 +218,13 @@ def shaking_row(measured: Optional[ImuStatistics], observed_ns: int, spec: State
 def turning_row(measured: Optional[ImuStatistics], observed_ns: int, spec: StateEstimationSpec) -> Check:
     """Judge the mean turn rate: a vehicle that turns, or a gyroscope with a bias."""
     name, limit, unit = "turning", spec.still_turn_rate_rad_s, "rad/s"
-    if measured is None or measured.turn_rate is None or observed_ns < spec.still_ns:
+    few = measured is not None and measured.turn_rate is None and measured.samples < spec.min_samples
+    if measured is None or few or observed_ns < spec.still_ns:
         advice = f"not observed for {seconds(spec.still_ns)} yet, wait"
         return Check(name, Verdict.UNKNOWN, None, limit, unit, None, advice, heals=True)
+    if measured.turn_rate is None:
+        advice = f"{spec.imu_topic} measures no turn rate: name an IMU with a gyroscope"
+        return Check(name, Verdict.UNKNOWN, None, limit, unit, None, advice)
     if measured.turn_rate <= limit:
         return Check(name, Verdict.PASS, measured.turn_rate, limit, unit)
     advice = "do not turn the vehicle; if it stands still, calibrate the gyroscope"
@@ -288,9 +292,12 @@ class StateEstimationMonitor:
         self._track.clear()
 
     def trace(self, t_ns: int, position: Callable[[], Vector]) -> None:
-        """Remember a position, unless there is one of about the same time; `position` is asked only when needed."""
-        track = self._track
-        if track and t_ns < track[-1][0]:
+        """Remember a position, unless there is one of about the same time; `position` is asked only when needed.
+
+        What came before a gap does not tell what was in it: the track begins anew.
+        """
+        track, longest_ns = self._track, self.spec.age_limit_ns + BUCKET_NS  # so much later than the last one kept
+        if track and not 0 <= t_ns - track[-1][0] <= longest_ns:
             track.clear()
         if not track or t_ns - track[-1][0] >= BUCKET_NS:
             track.append((t_ns, position()))

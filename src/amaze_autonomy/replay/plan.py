@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Dict, FrozenSet, Mapping, Optional, Tuple
 
 from amaze_autonomy.config.model import Configuration
@@ -32,7 +32,7 @@ class Plan:
     Args:
         topic_map: of the recording.
         rules: of the engine, with a row for each component of the map.
-        mission: with the required components that the recording has.
+        mission: with the required components that the recording has; all of them when it has no required one.
         components: that are watched.
         landing: None when the recording has no range.
         state_estimation: None when it has neither IMU nor estimate.
@@ -42,8 +42,8 @@ class Plan:
         configuration_hash: of it.
         judged: nodes whose judgement is made anew from the recording's sensors, though it holds what they said:
             "watchdog", "landing_detection"; what they said is compared.
-        elsewhere: components that the mission requires, of which the recording has no topic: a recorded watchdog's
-            word counts for them.
+        elsewhere: components that the mission requires and that cannot be watched, as the recording lacks a topic of
+            theirs: a recorded watchdog's word counts for them. Each with the topics that are missing; none: all are.
     """
 
     topic_map: TopicMap
@@ -56,12 +56,12 @@ class Plan:
     configuration: Mapping[str, Any]
     configuration_hash: str
     judged: FrozenSet[str] = frozenset()
-    elsewhere: Tuple[str, ...] = ()
+    elsewhere: Mapping[str, Tuple[str, ...]] = field(default_factory=dict)
 
     @property
-    def unseen(self) -> Tuple[str, ...]:
-        """Required components that a map of what is configured lacks: nobody sees them fail, which is said."""
-        return self.elsewhere if self.topic_map.as_configured else ()
+    def unseen(self) -> Mapping[str, Tuple[str, ...]]:
+        """Those of `elsewhere` that a map of what is configured lacks: nobody sees them fail, which is said."""
+        return self.elsewhere if self.topic_map.as_configured else {}
 
     @property
     def component_topics(self) -> Tuple[str, ...]:
@@ -106,7 +106,7 @@ def make_plan(configuration: Configuration, topic_map: TopicMap, mission_id: str
             configuration=configuration.effective,
             configuration_hash=configuration.hash,
             judged=_judged(topic_map, components, recorded),
-            elsewhere=_elsewhere(configuration, mission_id, components),
+            elsewhere=_elsewhere(configuration, mission_id, components, recorded),
         )
     except SpecError as error:
         raise ReplayError(f"map {topic_map.name}: {error}") from error
@@ -134,9 +134,12 @@ def _has(spec: ComponentSpec, recorded: Tuple[str, ...]) -> bool:
 
 
 def _as_recorded(spec: ComponentSpec, *, health: bool) -> ComponentSpec:
-    """Return a component by its topics, and by what a recorded autopilot says of it: no node and no driver is asked."""
+    """Return a component by its topics, and by what a recorded autopilot says of it: no node and no driver is asked.
+
+    Whether it is required is up to the mission alone: no map says otherwise.
+    """
     autopilot = spec.autopilot if health else None
-    return replace(spec, node=None, driver=(), autopilot=autopilot, restart=_scripted(spec.restart))
+    return replace(spec, node=None, driver=(), autopilot=autopilot, required=True, restart=_scripted(spec.restart))
 
 
 def _judged(topic_map: TopicMap, components: Tuple[ComponentSpec, ...], recorded: Tuple[str, ...]) -> FrozenSet[str]:
@@ -150,11 +153,25 @@ def _judged(topic_map: TopicMap, components: Tuple[ComponentSpec, ...], recorded
     return frozenset(name for name, good in found.items() if good)
 
 
-def _elsewhere(configuration: Configuration, mission_id: str, components: Tuple[ComponentSpec, ...]) -> Tuple[str, ...]:
+def _elsewhere(
+    configuration: Configuration, mission_id: str, components: Tuple[ComponentSpec, ...], recorded: Tuple[str, ...]
+) -> Dict[str, Tuple[str, ...]]:
     mission = next(each for each in configuration.missions if each.id == mission_id)
     here = [spec.name for spec in components]
-    needed = [spec.name for spec in configuration.components if spec.required and spec.name not in here]
-    return tuple(name for name in needed if not mission.required or name in mission.required)
+    left = {spec.name: spec for spec in configuration.components if spec.name not in here}
+    needed = [name for name in left if not mission.required or name in mission.required]
+    return {name: _missing(left[name], recorded) for name in needed}
+
+
+def _missing(spec: ComponentSpec, recorded: Tuple[str, ...]) -> Tuple[str, ...]:
+    """Return the topics of a component that are not recorded while others of it are."""
+    missing = tuple(topic.topic for topic in spec.topics if topic.topic not in recorded)
+    return missing if len(missing) < len(spec.topics) else ()
+
+
+def recorded_words(missing: Tuple[str, ...]) -> str:
+    """Return how a component that is not watched is recorded: not at all, or without some of its topics."""
+    return f"in the recording without {' and '.join(missing)}" if missing else "not in the recording"
 
 
 def _scripted(restart: RestartSpec) -> RestartSpec:
@@ -178,13 +195,23 @@ def _mission(configuration: Configuration, mission_id: str, components: Tuple[Co
         raise ReplayError(f"there is no mission {mission_id!r}; there are {', '.join(missions)}")
     mission = missions[mission_id]
     names = [spec.name for spec in components]
-    needed = [spec.name for spec in components if spec.required]
     return replace(
         mission,
         severities=tuple((name, severity) for name, severity in mission.severities if name in names),
-        required=tuple(name for name in needed if not mission.required or name in mission.required) or tuple(needed),
+        required=_required(configuration, mission, components),
         tolerated=tuple(name for name in mission.tolerated if name in names),
     )
+
+
+def _required(configuration: Configuration, mission: Mission, components: Tuple[ComponentSpec, ...]) -> Tuple[str, ...]:
+    """Return what the mission requires of what is watched, unless the map says otherwise.
+
+    Of a component that is not configured no mission says anything: there the map alone counts.
+    """
+    known = [spec.name for spec in configuration.components]
+    needed = tuple(spec.name for spec in components if spec.required)
+    own = mission.required or known
+    return tuple(name for name in needed if name in own or name not in known) or needed
 
 
 def _landing(spec: LandingSpec, topic_map: TopicMap) -> Optional[LandingSpec]:

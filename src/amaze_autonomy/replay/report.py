@@ -64,7 +64,7 @@ def footer_lines(plan: Plan, recordings: Recordings, outcome: Outcome) -> List[s
         lines += [f"  {n}, armed {each.words(outcome.start_ns)}" for n, each in enumerate(outcome.flights, 1)]
     if outcome.scripted:
         lines.append(f"Scripted all along: {', '.join(outcome.scripted)}.")
-    lines += [f"{not_recorded(name)}." for name in outcome.unseen]
+    lines += [f"{not_recorded(*each)}." for each in outcome.unseen.items()]
     lines += _compared_lines(outcome) + _flown_lines(outcome)
     lines += [f"VACUOUS: {each}" for each in outcome.unread]
     return [*lines, f"Map {plan.topic_map.name}, mission {plan.mission.id}: {verdict(outcome)}"]

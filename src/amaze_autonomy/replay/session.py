@@ -7,10 +7,10 @@ the journal of a recording is the same whenever and wherever it is made.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from itertools import zip_longest
-from typing import Any, Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -49,7 +49,7 @@ from .monitors.upsets import upsets_of
 from .peers.recorded_nodes import Disagreement
 from .peers.script import User
 from .peers.world import World
-from .plan import Plan
+from .plan import Plan, recorded_words
 from .recordings import fields
 from .recordings.journals import FlightLog, read_log, selection_of
 from .recordings.sources import Recordings, Sample
@@ -88,6 +88,7 @@ class Outcome:
         beginning: of the recording: on the ground, or in the air.
         scripted: what of the vehicle and its nodes the recording never tells; required components among it.
         unseen: those components: the configuration requires them, and nothing in the recording says a word of them.
+            Each with the topics that the recording lacks; none: it lacks all of its topics.
         flights: armings that it tells of.
     """
 
@@ -108,7 +109,7 @@ class Outcome:
     beginning: Optional[Beginning] = None
     scripted: Tuple[str, ...] = ()
     flights: Tuple[Flight, ...] = ()
-    unseen: Tuple[str, ...] = ()
+    unseen: Mapping[str, Tuple[str, ...]] = field(default_factory=dict)
 
 
 class Session:
@@ -473,9 +474,10 @@ class Session:
             missed, since_ns = None, parting.t_ns
         words = f"the recording ends in {self._state.state.value}"
         self._lines.append(Line(end_ns, Source.BAG, LineKind.NOTE, words))
-        unseen = tuple(name for name in self._plan.unseen if name not in self._world.recorded.told)
+        told = self._world.recorded.told
+        unseen = {name: missing for name, missing in self._plan.unseen.items() if name not in told}
         start_ns = self._recordings.start_ns
-        self._lines += [Line(start_ns, Source.BAG, LineKind.NOTE, not_recorded(name), 1) for name in unseen]
+        self._lines += [Line(start_ns, Source.BAG, LineKind.NOTE, not_recorded(*each), 1) for each in unseen.items()]
         upsets = upsets_of(self._plan, self._recordings, self._statuses, flown="landed" in self._facts())
         lines = sorted([*self._lines, *upsets], key=lambda line: line.t_ns)
         return Outcome(
@@ -519,9 +521,9 @@ def _periods_ns(recordings: Recordings) -> Dict[str, int]:
     return found
 
 
-def not_recorded(name: str) -> str:
-    """Return what is said of a required component of which the recording has no word."""
-    return f"{name} is not in the recording: it is required, and takeoff does not wait for it here"
+def not_recorded(name: str, missing: Tuple[str, ...]) -> str:
+    """Return what is said of a required component of which the recording has no word, or lacks some topics."""
+    return f"{name} is {recorded_words(missing)}: it is required, and takeoff does not wait for it here"
 
 
 def _said(value: Any) -> str:

@@ -144,7 +144,7 @@ _MISSION = Group(
         Key(
             "required",
             ListOf(NAME, "components", unique=True),
-            "components that must be at code 1 before takeoff; empty: all",
+            "components that must be at code 1 before takeoff; empty: those that are required in sensors.yaml",
             "",
             [],
         ),

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import time
 from contextlib import suppress
-from typing import Callable, Mapping, NamedTuple, Sequence, Tuple
+from typing import Callable, List, Mapping, NamedTuple, Sequence, Tuple
 
 import rospy
 
@@ -129,10 +129,16 @@ def _without_process(node: str, problem: str) -> Outcome:
 
 # --- run command ------------------------------------------------------------------------------------------------------
 # Run a command of the configuration: program and arguments, no shell, a time limit, its exit status.
+#
+# A driver that a command leaves in the background keeps the pipe of its output. Nobody at its other end would be its
+# death, with the next line that it writes. So a process reads it from then on: a thread would end with this node, and
+# the driver with it; a file would grow for as long as the driver runs.
 
 
 _TAIL_BYTES = 400
 _LOOK_S = 0.02
+_READER = ("cat",)
+_READERS: List[subprocess.Popen[bytes]] = []  # each ends with the last one that can write to its pipe
 
 
 class Outcome(NamedTuple):
@@ -140,7 +146,7 @@ class Outcome(NamedTuple):
 
     Args:
         good: with status 0, in time.
-        message: why not: its last line, its status, or that it took too long.
+        message: what it said last; why not: its status, or that it took too long.
     """
 
     good: bool
@@ -160,21 +166,37 @@ def run_command(command: Sequence[str], limit_s: float) -> Outcome:
     except (OSError, ValueError) as error:
         return Outcome(good=False, message=f"{command[0]} cannot be run: {getattr(error, 'strerror', '') or error}")
     with process:
-        said = _listen(process, time.monotonic() + limit_s)
+        said, held = _listen(process, time.monotonic() + limit_s)
         if process.poll() is None:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             return Outcome(good=False, message=f"{command[0]} took longer than {limit_s:g} s")
+        if held and not _read_on(process):
+            said = f"{said}{'; ' if said else ''}what it left running may end with its next output: nobody reads it"
     if process.returncode == 0:
         return Outcome(good=True, message=said)
     how = f"status {process.returncode}" if process.returncode > 0 else f"signal {-process.returncode}"
     return Outcome(good=False, message=f"{command[0]} ended with {how}{': ' if said else ''}{said}")
 
 
-def _listen(process: subprocess.Popen[bytes], deadline_s: float) -> str:
-    """Read until the process ends or a time comes; return its last line. What it starts may keep the pipe open."""
+def _read_on(process: subprocess.Popen[bytes]) -> bool:
+    """Have what it left running read for as long as that writes, and forgotten; return whether somebody does."""
+    for reader in [each for each in _READERS if each.poll() is not None]:
+        with suppress(ValueError):  # another thread was here
+            _READERS.remove(reader)
+    nothing = subprocess.DEVNULL
+    try:
+        reader = subprocess.Popen(_READER, stdin=process.stdout, stdout=nothing, stderr=nothing, start_new_session=True)
+    except OSError:
+        return False
+    _READERS.append(reader)
+    return True
+
+
+def _listen(process: subprocess.Popen[bytes], deadline_s: float) -> Tuple[str, bool]:
+    """Read until the process ends or a time comes; return its last line, and whether somebody may still write one."""
     assert process.stdout is not None  # noqa: S101
-    pipe, tail, ended = process.stdout.fileno(), b"", False
+    pipe, tail, ended, held = process.stdout.fileno(), b"", False, True
     while not ended and time.monotonic() < deadline_s:
         ended = process.poll() is not None
         while select.select([pipe], [], [], 0.0 if ended else _LOOK_S)[0] and time.monotonic() < deadline_s:
@@ -183,7 +205,7 @@ def _listen(process: subprocess.Popen[bytes], deadline_s: float) -> str:
             if not part:
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(max(0.0, deadline_s - time.monotonic()))
-                ended = True
+                ended, held = True, False
                 break
     lines = tail.decode("utf-8", "replace").strip().splitlines()
-    return lines[-1].strip() if lines else ""
+    return (lines[-1].strip() if lines else ""), held

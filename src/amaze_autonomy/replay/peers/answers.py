@@ -23,11 +23,9 @@ from ...engine.events import Check, CheckName, Verdict
 from ...engine.rules import Code
 from ...journal.report import limit_words
 from ..monitors.monitors import Monitors
-from ..plan import Plan
+from ..plan import Plan, recorded_words
 from ..timeline import Source
 from .recorded_nodes import RecordedNodes
-
-NOT_RECORDED = "it is required, and not in the recording"
 
 
 class Recorded(NamedTuple):
@@ -106,10 +104,10 @@ class Answers:
         needed = (each for each in others if each.name in self._plan.elsewhere)
         rows = tuple(_component_row(each, tolerated=each.name in tolerated) for each in needed)
         good = all(row.passed for row in rows)
-        unseen = (name for name in self._plan.unseen if name not in self._recorded.foreign)
+        unseen = (each for each in self._plan.unseen.items() if each[0] not in self._recorded.foreign)
         return {
             "ok": verdict.ready and good,
-            "checks": (*verdict.checks, *rows, *map(_unseen_row, unseen)),
+            "checks": (*verdict.checks, *rows, *(_unseen_row(*each) for each in unseen)),
             "fixable": verdict.fixable and good,
             "being_fixed": verdict.being_fixed and good,
             "until_ns": verdict.until_ns,
@@ -167,9 +165,9 @@ def _component_row(status: ComponentStatus, *, tolerated: bool) -> Check:
     return Check(status.name, verdict, float(status.code), float(Code.NOMINAL), "code", None, status.reason)
 
 
-def _unseen_row(name: str) -> Check:
+def _unseen_row(name: str, missing: Tuple[str, ...]) -> Check:
     """Return the row of a required component that was not recorded: a warning, as nobody knows how it was."""
-    return Check(name, Verdict.WARN, advice=NOT_RECORDED)
+    return Check(name, Verdict.WARN, advice=f"it is required, and {recorded_words(missing)}")
 
 
 def _explained(found: Dict[str, Any]) -> Dict[str, Any]:
@@ -186,7 +184,15 @@ def _explained(found: Dict[str, Any]) -> Dict[str, Any]:
 # flight is noted, and is no error: a vehicle tilts to fly.
 
 
-_FOLLOWED = ("IMU age", "gravity magnitude", "tilt", "estimate age", "estimate rate", "estimate tilt", "tilt agreement")
+_FOLLOWED = (
+    "IMU age",
+    "gravity magnitude",
+    "tilt",
+    "estimate age",
+    "estimate rate",
+    "estimated tilt",
+    "tilt agreement",
+)
 _ON_GROUND_ONLY = ("gravity magnitude",)
 _STANDS = 3  # looks in a row, so that a row at its limit does not fill the timeline
 
