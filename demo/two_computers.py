@@ -88,10 +88,10 @@ def private_folder() -> Path:
 def split(arguments: List[str]) -> Tuple[Path, List[str], List[str]]:
     """Return the output folder, the other arguments, and those of them that the other computer needs, too."""
     given = dict(each.split(":=", 1) for each in arguments if ":=" in each)
-    output = Path(given.pop("output", DEMO / time.strftime("%Y%m%dT%H%M%S"))).resolve()
+    output = Path(given.pop("output", DEMO / time.strftime("%Y%m%dT%H%M%S"))).expanduser().resolve()
     shared = {name: value for name, value in given.items() if name in ("config", "overrides")}
     if "config" in shared:
-        shared["config"] = str(Path(shared["config"]).resolve())
+        shared["config"] = str(Path(shared["config"]).expanduser().resolve())
     demo = [each for each in arguments if not each.startswith("output:=")]
     return output, demo, [f"{name}:={value}" for name, value in shared.items()]
 

@@ -435,13 +435,15 @@ def test_an_arrangement_that_cannot_be_is_wrong_use(capsys, words, said):
 def host(monkeypatch, shipped, tmp_path):
     """Examine a computer whose programs say what the test says."""
 
-    def on(**says):
+    def on(platform="main", key="", **says):
         programs = {"ssh": (0, ""), "chronyc": (0, "A,b,3,1,0.001"), "timedatectl": (0, "no"), **says}
         monkeypatch.setattr(doctor.shutil, "which", lambda name: name if programs[name] else None)
-        monkeypatch.setattr(doctor, "_run", lambda command: programs[command[0]])
-        configuration = replace(shipped, recording=replace(shipped.recording, folder=str(tmp_path)))
-        return {each.about: each for each in examine_host(configuration)}
+        monkeypatch.setattr(doctor, "_run", lambda command: on.asked.append(command) or programs[command[0]])
+        platforms = tuple(replace(p, transfer=replace(p.transfer, ssh_key=key)) for p in shipped.recording.platforms)
+        recording = replace(shipped.recording, folder=str(tmp_path), platforms=platforms)
+        return {each.about: each for each in examine_host(replace(shipped, recording=recording), platform)}
 
+    on.asked = []
     return on
 
 
@@ -458,6 +460,39 @@ def test_a_key_that_does_not_open_is_named(host):
         "ssh does not open second: Permission denied (publickey).",
         "ssh-copy-id -p 22 second; or recording.yaml, platforms.second",
     )
+
+
+def test_it_is_tried_with_the_key_that_the_recorder_uses_and_with_no_other(host):
+    host(key="/keys/far")
+    (command,) = [each for each in host.asked if each[0] == "ssh"]
+    assert command == (
+        *("ssh", "-oBatchMode=yes", "-oConnectTimeout=5", "-p", "22", "-oIdentitiesOnly=yes", "-i", "/keys/far"),
+        *("--", "second", "true"),
+    )
+
+
+def test_the_far_computer_opens_no_other_and_needs_space_for_its_own_groups(host, monkeypatch, shipped):
+    asked = []
+    monkeypatch.setattr(doctor, "needed_bytes", lambda _storage, groups, _s: asked.append(groups) or 0)
+    assert {about: each.level for about, each in host("second").items()} == {"storage": "good", "time": "good"}
+    assert [each[0] for each in host.asked] == ["chronyc"]
+    assert asked == [shipped.recording.groups_of("second")]
+    assert asked != [shipped.recording.groups_of("main")]
+
+
+def test_a_platform_that_there_is_not_is_wrong_use(capsys):
+    assert main(["doctor", "--platform", "secnd"]) == 2
+    assert capsys.readouterr().err == "doctor: --platform: is 'secnd', recording.yaml has main, second\n"
+
+
+@pytest.mark.parametrize("command", [["doctor"], ["propose-config", "--live"]])
+@pytest.mark.parametrize("text", ["-1", "0", "nan", "inf", "1e300", "ten"])
+def test_a_time_to_listen_for_that_cannot_be_is_wrong_use(capsys, command, text):
+    with pytest.raises(SystemExit) as ended:
+        main([*command, f"--for={text}"])
+    assert ended.value.code == 2
+    said = f"argument --for: {text!r} is no number of seconds above 0 and at most 86400\n"
+    assert capsys.readouterr().err.endswith(said)
 
 
 @pytest.mark.parametrize(

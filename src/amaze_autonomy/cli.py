@@ -16,6 +16,7 @@ from .command_line import run_command, say_wrong
 OK, WRONG, USAGE, NOBODY = 0, 1, 2, 3
 _RAW = argparse.RawDescriptionHelpFormatter
 _FOR = "seconds to listen for (default: 10)"
+_LONGEST_S = 86400.0
 _DESCRIPTION = "Autonomy engine for multicopters with a PX4 autopilot: the commands that need no ROS."
 _STATUSES = """\
 exit status:
@@ -64,6 +65,7 @@ _DOCTOR_EXAMPLES = """\
 examples:
   amaze-autonomy doctor ~/flight/config
   amaze-autonomy doctor --for 20 --json
+  amaze-autonomy doctor ~/flight/config --platform second     on the computer of that name in recording.yaml
   ROS_NAMESPACE=/amaze amaze-autonomy doctor
   amaze-autonomy doctor ~/flight/config --peers cns
   amaze-autonomy doctor ~/flight/config --cns-served watchdog,data_recorder --cns-namespace /cns
@@ -116,7 +118,9 @@ def _parser() -> argparse.ArgumentParser:
     words = "compare a configuration with the graph that runs now, and with this computer"
     doctor = commands.add_parser("doctor", help=words, description=words, epilog=_DOCTOR_EXAMPLES, formatter_class=_RAW)
     doctor.add_argument("folder", nargs="?", type=Path, metavar="FOLDER", help=_FOLDER)
-    doctor.add_argument("--for", type=float, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
+    doctor.add_argument("--for", type=_seconds, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
+    words = "which of recording.yaml this computer is (default: the collector)"
+    doctor.add_argument("--platform", default="", metavar="NAME", help=words)
     of_cns = doctor.add_argument_group("beside the CNS Flight Stack, as the arguments of autonomy.launch say")
     of_cns.add_argument("--peers", choices=["cns"], help="its nodes are peers of our engine")
     of_cns.add_argument("--cns-peers", type=_names, default=(), metavar="NAMES", help="which of them, with commas")
@@ -130,7 +134,7 @@ def _parser() -> argparse.ArgumentParser:
     first = commands.add_parser("propose-config", help=words, description=words, **_layout(_PROPOSE_EXAMPLES))
     first.add_argument("recordings", nargs="*", type=Path, metavar="BAG", help="of one flight, or at rest")
     first.add_argument("--live", action="store_true", help="listen to every topic of the running graph instead")
-    first.add_argument("--for", type=float, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
+    first.add_argument("--for", type=_seconds, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
     add_memory(first)
     words = "folder to write, new or empty (default: ./amaze_config)"
     first.add_argument("--output", type=Path, default=Path("amaze_config"), metavar="DIR", help=words)
@@ -145,6 +149,17 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser("simulate", help="fly missions in the simulated world, in virtual time", add_help=False)
     commands.add_parser("vehicle", help="a simulated PX4 that speaks MAVLink on UDP, in real time", add_help=False)
     return parser
+
+
+def _seconds(text: str) -> float:
+    """Return a time to listen for."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value <= _LONGEST_S:  # which NaN is not, either
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds above 0 and at most {_LONGEST_S:g}")
+    return value
 
 
 def _names(text: str) -> Tuple[str, ...]:
@@ -337,6 +352,10 @@ def _doctor(options: argparse.Namespace) -> int:
     configuration = _load(options)
     if configuration is None:
         return WRONG
+    platforms = [each.name for each in configuration.recording.platforms]
+    platform = options.platform or configuration.recording.collector
+    if platform not in platforms:
+        return say_wrong("doctor", f"--platform: is {platform!r}, recording.yaml has {', '.join(platforms)}", USAGE)
     try:
         from .ros.graph import GraphError, look  # noqa: PLC0415 (it needs ROS)
     except ImportError as error:
@@ -345,7 +364,7 @@ def _doctor(options: argparse.Namespace) -> int:
         graph = look(options.for_s, [row.name for row in wanted(configuration, arrangement) if row.way is Way.OFFERED])
     except GraphError as error:
         return say_wrong("doctor", str(error), NOBODY)
-    findings = (*examine(configuration, graph, arrangement), *examine_host(configuration))
+    findings = (*examine(configuration, graph, arrangement), *examine_host(configuration, platform))
     if options.json:
         _print_json({"findings": [vars(each) for each in findings]})
     else:

@@ -467,12 +467,18 @@ def _same(kind: str) -> str:
 # --- this computer ----------------------------------------------------------------------------------------------------
 
 
-def examine_host(configuration: Configuration) -> Tuple[Finding, ...]:
-    """Look at this computer as the collector: its storage, its way to the other platforms, its time."""
-    return (*_storage(configuration), *_ssh(configuration), _time())
+def examine_host(configuration: Configuration, platform: str) -> Tuple[Finding, ...]:
+    """Look at this computer as a platform of recording.yaml: its storage, the collector's way to the others, its time.
+
+    Args:
+        configuration: as loaded.
+        platform: name of this computer, which recording.yaml has.
+    """
+    collects = platform == configuration.recording.collector
+    return (*_storage(configuration, platform), *(_ssh(configuration) if collects else ()), _time())
 
 
-def _storage(configuration: Configuration) -> Iterator[Finding]:
+def _storage(configuration: Configuration, platform: str) -> Iterator[Finding]:
     recording = configuration.recording
     folder = Path(recording.folder).expanduser()
     space = space_of(folder)
@@ -480,7 +486,7 @@ def _storage(configuration: Configuration) -> Iterator[Finding]:
         yield Finding(WRONG, "storage", f"{folder} cannot be looked at", "recording.yaml: folder: one that can")
         return
     longest_s = max((mission.estimated_duration_s or 0.0 for mission in configuration.missions), default=0.0)
-    needed = needed_bytes(recording.storage, recording.groups_of(recording.collector), longest_s)
+    needed = needed_bytes(recording.storage, recording.groups_of(platform), longest_s)
     problem = too_little(recording.storage, needed, space, str(folder))
     said = problem or f"{space.free_bytes / 1e9:.1f} GB are free in {folder}"
     yield Finding(WRONG if problem else GOOD, "storage", said)
@@ -492,7 +498,8 @@ def _ssh(configuration: Configuration) -> Iterator[Finding]:
         if platform.name == configuration.recording.collector or transfer.by != "rsync":
             continue
         command = ["ssh", "-oBatchMode=yes", "-oConnectTimeout=5", "-p", str(transfer.ssh_port)]
-        command += ["-i", str(Path(transfer.ssh_key).expanduser())] if transfer.ssh_key else []
+        if transfer.ssh_key:  # with that key alone, as the recorder does
+            command += ["-oIdentitiesOnly=yes", "-i", str(Path(transfer.ssh_key).expanduser())]
         status, said = _run((*command, "--", transfer.host, "true"))
         if status == 0:
             yield Finding(GOOD, platform.name, f"ssh opens {transfer.host}")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import random
 import shutil
 from pathlib import Path
@@ -259,6 +261,61 @@ def test_offsets_are_applied_and_remembered(capsys, tmp_path, two):
         1,
         "amaze-bag: --offsets-s: 1 offsets for 2 inputs; give one each\n",
     )
+
+
+def test_offsets_that_a_bag_was_verified_with_are_those_of_its_new_manifest(capsys, tmp_path, two):
+    output = tmp_path / "flight.bag"
+    assert run(capsys, "merge", *two, "-o", output, "--offsets-s", "0,-3.02")[0] == 0
+    manifest_path(output).unlink()
+    assert run(capsys, "verify", output, *two, "--offsets-s", "0,-3.02", "--readers", "none")[0] == 0
+    entries = json.loads(manifest_path(output).read_text())["inputs"]
+    assert [entry["offset_ns"] for entry in entries] == [0, -3_020_000_000]
+    assert run(capsys, "verify", output, "--readers", "none")[0] == 0
+    assert run(capsys, "verify", output, *two, "--offsets-s", "0,1", "--readers", "none")[0] == 3
+    assert run(capsys, "verify", output, "--offsets-s", "0,-3.02", "--readers", "none")[0] == 0
+
+
+def test_inputs_may_be_named_in_any_order_and_may_have_been_moved(capsys, tmp_path, two):
+    output = tmp_path / "flight.bag"
+    assert run(capsys, "merge", *two, two[0], "-o", output, "--offsets-s", "0,-3.02,5")[0] == 0
+    (tmp_path / "moved").mkdir()
+    moved = [shutil.copy(path, tmp_path / "moved") for path in two]
+    manifest = manifest_path(output).read_bytes()
+    for inputs in ([two[1], two[0], two[0]], [two[0], two[0], two[1]], [*moved, moved[0]]):
+        manifest_path(output).write_bytes(manifest)
+        status, out, _ = run(capsys, "verify", output, *inputs, "--readers", "none")
+        assert (status, out) == (0, f"{output}: 220 messages of 3 inputs: verified\n")
+
+
+@pytest.mark.parametrize("good", [True, False])
+def test_a_verdict_that_cannot_be_written_is_shown(capsys, tmp_path, two, monkeypatch, good):
+    output = tmp_path / "flight.bag"
+    assert run(capsys, "merge", *two, "-o", output)[0] == 0
+    before = manifest_path(output).read_bytes()
+    shutil.copy(output if good else two[0], tmp_path / "other.bag")
+    (tmp_path / "other.bag").replace(output)
+
+    def full(path, _):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    monkeypatch.setattr("amaze_autonomy.bags.merge.manifest.write_whole", full)
+    status, out, err = run(capsys, "verify", output, "--readers", "none")
+    assert status == (0 if good else 3)
+    assert out.splitlines()[0].endswith("of 2 inputs: verified" if good else "of 2 inputs: 2 problems")
+    wrong = "Read-only file system; the verdict was not written into it"
+    assert err == f"amaze-bag: {manifest_path(output)}: {wrong}\n"
+    assert manifest_path(output).read_bytes() == before
+
+
+@pytest.mark.parametrize("module", ["", "__init__.py"])
+def test_a_folder_that_is_called_as_a_reader_is_no_reader(capsys, tmp_path, two, monkeypatch, module):
+    for name in ("rosbag", "rosbags"):
+        (tmp_path / name).mkdir()
+        if module:
+            (tmp_path / name / module).write_text("raise RuntimeError('not this one')")
+    monkeypatch.chdir(tmp_path)
+    status, out, _ = run(capsys, "merge", *(Path(path).name for path in two), "-o", "flight.bag", "--verify")
+    assert (status, "  rosbags: 140 messages" in out.splitlines()) == (0, True)
 
 
 def test_all_readers_read_every_message(capsys, tmp_path, two):

@@ -192,7 +192,7 @@ CHECKED = [
 ]
 
 
-def test_the_autopilot_node_answers_before_the_engine_stops_waiting(mistake, small_file):
+def test_the_autopilot_node_answers_before_the_engine_stops_waiting(mistake):
     assert mistake("autopilot.yaml", "backend: mavlink\ncommands: {reply_s: 1.0}\n") == (
         "autopilot.yaml:2: commands.reply_s: is 1; "
         "must be below commands.command_reply_limit_s of autonomy.yaml (1), or no answer comes in time"
@@ -204,7 +204,7 @@ def test_an_estimator_that_must_be_told_to_begin_has_less_time_than_the_checks(m
     (small / "sensors.yaml").write_text(sensors)
     load_configuration(small)  # none is asked, and nobody waits
     assert mistake("sensors.yaml", sensors, ["sensors.initialisation.service=/init"]) == (
-        "sensors.yaml:16: initialisation.limit_s: is 60; "
+        "sensors.yaml:14: initialisation.limit_s: is 60; "
         "must be below checks.preflight_fix_limit_s of autonomy.yaml (60), or it is not waited for"
     )
 

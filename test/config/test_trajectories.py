@@ -205,6 +205,7 @@ def test_a_hover_at_the_end_counts_for_time_and_battery(small_file, small, mista
     (small / "missions.yaml").write_text(small_file("missions.yaml") + "    hover_at_end_s: 200\n")
     long = load_configuration(small).plan("1")
     assert long.trajectories[0].waypoints[-1].hold_s == short.trajectories[0].waypoints[-1].hold_s + 200.0
+    assert long.as_drawn(0) == short.as_drawn(0) == short.trajectories[0]
     assert long.mission.estimated_duration_s == pytest.approx(short.mission.estimated_duration_s + 200.0)
     assert long.mission.battery_needed_fraction > short.mission.battery_needed_fraction
     text = small_file("missions.yaml") + "    hover_at_end_s: 3000\n"
@@ -223,6 +224,8 @@ UP = Waypoint(0.0, 0.0, 2.0, 0.0, 1.0, 1)
         ("far", Frame.EAST_NORTH, [], ": has no waypoints; must have at least one"),
         ("far", Frame.EAST_NORTH, [UP, Waypoint(math.nan, 0.0, 2.0, 0.0, 0.0, 2)],
          ":2: x,y,z,yaw,hold: is (nan, 0.0, 2.0, 0.0, 0.0); must be finite numbers"),
+        ("far", Frame.EAST_NORTH, [UP, Waypoint(0.0, 0.0, 2.0, -90.0, 0.0, 2)],
+         ":2: yaw: is -90; must be within a turn, 6.2832 rad; are these degrees?"),
         ("far", Frame.START_HEADING, [UP, Waypoint(0.0, 60.0, 2.0, 0.0, 0.0, 2)],
          ":2: x,y,z: is 60 m from the waypoint before; must be at most 50 m away (bounds)"),
     ],
@@ -231,6 +234,8 @@ def test_waypoints_that_no_file_has_are_checked_as_files_are(small, mission_id, 
     with pytest.raises(WaypointError) as caught:
         plan_of_waypoints(load_configuration(small), mission_id, frame, waypoints)
     assert str(caught.value) == f"waypoints of {mission_id!r}{message}"
+    turned = Waypoint(1.0, 0.0, 2.0, -2 * math.pi, 1.0, 2)
+    assert plan_of_waypoints(load_configuration(small), "far", Frame.EAST_NORTH, [UP, turned]).mission.id == "far"
     plan = plan_of_waypoints(load_configuration(small), "far", Frame.START_HEADING, [UP])
     assert (plan.mission.id, plan.frame, plan.trajectories[0].waypoints) == ("far", Frame.START_HEADING, (UP,))
     assert plan.total.duration_s > 0.0

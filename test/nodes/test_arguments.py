@@ -32,7 +32,7 @@ HARMLESS = {
     *("bounds", "cns_namespace", "engine", "entities", "hover", "mission", "missions", "nice", "peers", "platform"),
     *("drivers", "exit_when_ended", "listeners", "limit_s", "mavlink", "peers_limit", "player", "processes", "rates"),
     *("real", "resume", "seed", "select_at_s", "sensors", "served", "startup_time", "unattended", "vehicle"),
-    "waypoint_reference",
+    *("waypoint_reference", "optional"),
 }
 """Parameters that name no path, no command and nothing of the configuration."""
 PLACE = "/home/Jörg O'Neill/Käfer & Söhne"
@@ -192,6 +192,7 @@ WHATEVER = "sensors.components.lrf.driver=['touch', \"/tmp/x\"]; autonomy.requir
 CONFIGURED = {"config": f"{PLACE}/config", "overrides": WHATEVER}
 RUNS = "/ros_home/amaze_autonomy/simulated"
 PLAIN = dict.fromkeys(("landing_detection", "state_estimation", "autopilot", "mission_planner"), CONFIGURED)
+SIMULATED = f"{CONFIGURED['overrides']}; autopilot.backend=mavlink"
 RECORDER = {**CONFIGURED, "folder": f"{PLACE}/recordings/main", "transfer": "shared"}
 CASES = {
     "everything": (
@@ -263,5 +264,7 @@ def test_a_launch_file_gives_each_node_its_words_and_sets_no_such_parameter(case
     monkeypatch.setenv("ROS_HOME", "/ros_home")
     file, arguments, expected = CASES[case]
     parameters, words = launched(file, *(f"{name}:={value}" for name, value in {**CONFIGURED, **arguments}.items()))
+    if arguments.get("simulation"):
+        expected = {node: {**each, "overrides": SIMULATED} for node, each in expected.items()}
     assert words == expected
     assert not {name.rpartition("/")[2] for name in parameters} & set(ARGUMENTS)

@@ -195,6 +195,20 @@ def test_their_names_are_all_below_their_namespace_and_ours_in_that_of_the_node(
     assert len(found & ours) >= len(PEERS)
 
 
+@pytest.mark.parametrize("value, good", [(1, True), ("1", True), (3, False), ("abc", False), ([1], False)])
+def test_waypoints_count_from_where_it_started_and_nothing_else_may_be_asked_for(value, good, monkeypatch):
+    monkeypatch.setattr(rospy, "get_param", {"~waypoint_reference": value}.get)
+    node = object.__new__(CnsPeersNode)
+    node._configuration = load_configuration(config_folder())
+    if good:
+        assert isinstance(node._peer("mission_planner"), Sequencer)
+        return
+    with pytest.raises(StartError) as error:
+        node._peer("mission_planner")
+    right = "leave it out: waypoints count from where it started, which is 1 in its message"
+    assert str(error.value) == f"~waypoint_reference is {value!r}; {right}"
+
+
 # --- heading ----------------------------------------------------------------------------------------------------------
 
 

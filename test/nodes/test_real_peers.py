@@ -12,8 +12,10 @@ import pytest
 pytest.importorskip("rospy", reason="needs ROS")
 
 from amaze_autonomy.nodes.simulation import live_world
+from amaze_autonomy.nodes.simulation import node as simulation_node
 from amaze_autonomy.nodes.simulation.live_world import RealPeers
 from amaze_autonomy.ros.liveness import LocalProcess
+from amaze_autonomy.simulation import parse_scenario
 
 
 class Node:
@@ -87,3 +89,22 @@ def test_a_fault_that_a_real_node_cannot_be_given_is_told(node, peers, monkeypat
     peers.look_after({"autopilot": ("slow",)})
     wait(lambda: told, "the warning")
     assert (told, node.state() in "RS") == (["autopilot is a real node: its fault slow does nothing"], True)
+
+
+def test_a_fault_of_what_is_a_real_node_is_said_to_do_nothing(monkeypatch):
+    told = []
+    monkeypatch.setattr(simulation_node.rospy, "logwarn", lambda words, *values: told.append(words % values))
+    faults = [f"{{fault: {name}}}" for name in ("recording_does_not_grow", "recording_fails", "data_incomplete")]
+    faults += ["{fault: tilted, tilt_deg: 20}", "{service: autopilot/land, fault: refuses}"]
+    story = parse_scenario("description: one\nfaults:\n" + "".join(f"  - {fault}\n" for fault in faults))
+    simulation_node._tell_without_effect(story, ("data_recorder", "autopilot"))
+    recorder = "does nothing: data_recorder is a real node; start with recorder:=simulated"
+    autopilot = "does nothing: autopilot is a real node; start with flight:=simulated or monitors:=simulated"
+    names = ("recording_does_not_grow", "recording_fails", "data_incomplete")
+    assert told == [
+        *(f"the fault {name} {recorder}" for name in names),
+        f"the fault autopilot/land refuses {autopilot}",
+    ]
+    told.clear()
+    simulation_node._tell_without_effect(story, ())
+    assert told == []

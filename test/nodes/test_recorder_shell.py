@@ -25,10 +25,11 @@ from amaze_autonomy.config.schemas.recording import Storage, TopicGroup, Transfe
 from amaze_autonomy.engine.events import EngineStarted, RecordingPhase, Shutdown
 from amaze_autonomy.journal.journal import encode_event, encode_header, make_header
 from amaze_autonomy.nodes.autonomy.run_folder import Place, create, register, registered
+from amaze_autonomy.nodes.recorder import node as recorder_node
 from amaze_autonomy.nodes.recorder import processes
 from amaze_autonomy.nodes.recorder.collector import Collection, RecorderCollector, read_status
 from amaze_autonomy.nodes.recorder.flight_pages import FlightPages
-from amaze_autonomy.nodes.recorder.node import RecorderMemory
+from amaze_autonomy.nodes.recorder.node import AbsentPlatform, DataRecorderNode, RecorderMemory, make_recorder
 from amaze_autonomy.nodes.recorder.platform import CpuLoad, RecorderPlatform, processor_ticks
 from amaze_autonomy.nodes.recorder.processes import DiskSync, Subscriptions
 from amaze_autonomy.nodes.recorder.settings import RecorderShare
@@ -36,6 +37,7 @@ from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, ProcessStatus, Status
 from amaze_autonomy.recording.status import Transfer as Transfers
+from amaze_autonomy.ros.errors import StartError
 
 PART = PlatformStatus("second", True, 1000, 20.0, 0.25, "/rec/s/second", "wörds", 3, 0.5)
 
@@ -568,3 +570,52 @@ def test_what_was_seen_of_one_session_is_no_ground_for_what_is_done_in_another(t
         _cpu=SimpleNamespace(look=lambda: None),
     )
     assert RecorderPlatform.step(platform) == []
+
+
+@pytest.fixture
+def parameters(monkeypatch):
+    """Return the parameters that the node finds."""
+    given = {}
+    monkeypatch.setattr(recorder_node.rospy, "get_param", given.get)
+    monkeypatch.setattr(recorder_node.rospy, "loginfo", lambda text, *values: given["said"].append(text % values))
+    given["said"] = []
+    return given
+
+
+def test_a_recorder_that_the_simulation_starts_for_a_platform_that_there_is_not_waits(parameters):
+    parameters.update({"~platform": "third", "~optional": True})
+    node = make_recorder(load_configuration(config_folder()), SimpleNamespace(ros_ns=lambda: 0))
+    assert isinstance(node, AbsentPlatform)
+    assert parameters["said"] == ["recording.yaml has no platform third: nothing is recorded here"]
+    thread = threading.Thread(target=node.run, daemon=True)
+    thread.start()
+    assert thread.is_alive()
+    node.end()
+    thread.join(10.0)
+    assert not thread.is_alive()
+
+
+def test_a_platform_that_there_is_not_is_a_mistake_of_who_starts_its_recorder(parameters):
+    parameters["~platform"] = "third"
+    with pytest.raises(StartError) as caught:
+        make_recorder(load_configuration(config_folder()), SimpleNamespace(ros_ns=lambda: 0))
+    assert str(caught.value) == "~platform is 'third', recording.yaml has main, second"
+
+
+@pytest.mark.usefixtures("parameters")
+def test_the_status_goes_out_at_the_rate_of_the_configuration(monkeypatch):
+    monkeypatch.setattr(recorder_node, "RecorderShare", lambda *_: SimpleNamespace(folder=Path("/rec")))
+    for name in ("recordings_folder", "RecorderPlatform", "RecorderCollector", "RecorderTeller"):
+        monkeypatch.setattr(recorder_node, name, lambda *_, **__: SimpleNamespace(commands={}))
+    configuration = load_configuration(config_folder(), ["autonomy.streams.recorder_status_rate_hz=4"])
+    node = DataRecorderNode(configuration, SimpleNamespace(ros_ns=lambda: 0))
+    waits = []
+
+    def sleep(seconds):
+        waits.append(seconds)
+        node._ended = len(waits) == 2
+
+    monkeypatch.setattr(recorder_node.time, "sleep", sleep)
+    monkeypatch.setattr(node, "_tell", lambda **_: None)
+    node._tell_always()
+    assert waits == [0.25, 0.25]

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import re
 import shutil
 import signal
 import subprocess
+import sys
+import zipfile
 from pathlib import Path
 from typing import Optional
 from xml.etree import ElementTree as ET
@@ -120,11 +124,83 @@ def test_a_demo_that_cannot_be_is_refused_before_anything_starts(tmp_path, argum
     assert (result.returncode, result.stdout, result.stderr) == (2, "", f"run: {words}\n")
 
 
+def function(name: str, call: str, folder: Path, **environment: str) -> str:
+    """Call a function of `run` without the job; return what it says."""
+    text = (ROOT / "run").read_text(encoding="utf-8")
+    body = re.search(rf"^{name}\(\) \{{.*?^\}}", text, re.MULTILINE | re.DOTALL)[0]
+    lists = "\n".join(re.findall(r'^(?:messages|tools)=".*"$', text, re.MULTILINE))
+    script = f"set -euo pipefail; here=$PWD\n{lists}\n{body}\n{call}"
+    command = ["bash", "-c", script]
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=True, timeout=60, env={**os.environ, **environment}
+    )
+    return done.stdout
+
+
+def test_a_folder_in_the_home_is_no_folder_of_that_name(tmp_path):
+    home = str(tmp_path / "of & me")
+    paths = ("~/out", "~", "out", "/out", "~out", "a/~/out")
+    told = [function("absolute", f"absolute '{path}'", tmp_path, HOME=home).rstrip("\n") for path in paths]
+    here = str(tmp_path)
+    assert told == [f"{home}/out", home, f"{here}/out", "/out", f"{here}/~out", f"{here}/a/~/out"]
+
+
+def test_the_folder_of_a_demo_on_two_computers_is_in_the_home_too(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(ROOT / "demo"))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    two_computers = importlib.import_module("two_computers")
+    output, demo, shared = two_computers.split(["output:=~/out", "config:=~/config"])
+    assert (output, demo) == (tmp_path / "out", ["config:=~/config"])
+    assert shared == [f"config:={tmp_path / 'config'}"]
+
+
+def test_the_system_packages_of_a_bundle_are_those_of_its_system(tmp_path):
+    calls = (f"packages '' {suite}" for suite in ("focal", "bookworm"))
+    focal, bookworm = (function("packages", call, tmp_path).split() for call in calls)
+    assert {"ros-noetic-rospy", "ros-noetic-rosbag", "python3-venv"} <= set(focal)
+    assert {"python3-rospy", "python3-rosbag", "python3-venv", "libstd-msgs-dev"} <= set(bookworm)
+    assert not [name for name in bookworm if name.startswith("ros-noetic")]
+    assert not set(focal) & {"python3-rospy", "rosbash"}
+
+
+def test_a_bundle_installs_its_wheels_in_a_folder_with_spaces(tmp_path):
+    folder = tmp_path / "a board, 100% ours"
+    (folder / "wheels").mkdir(parents=True)
+    with zipfile.ZipFile(folder / "wheels" / "ours-1.0-py3-none-any.whl", "w") as wheel:
+        wheel.writestr("ours-1.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: ours\nVersion: 1.0\n")
+        wheel.writestr("ours-1.0.dist-info/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        wheel.writestr("ours-1.0.dist-info/RECORD", "")
+    text = (ROOT / "run").read_text(encoding="utf-8").split("<<'INSTALL'\n")[1].split("\nINSTALL\n")[0]
+    (folder / "install").write_text(text)
+    (folder / "run").write_text(f'"{sys.executable}" -m pip download -q --no-cache-dir -d fetched ours\n')
+    environment = {**os.environ, "PIP_FIND_LINKS": "/elsewhere", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+    command = ["bash", str(folder / "install")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [path.name for path in (folder / "fetched").iterdir()] == ["ours-1.0-py3-none-any.whl"]
+
+
+def test_a_bundle_has_what_rosbags_needs_on_an_older_python_than_the_one_that_makes_it():
+    text = (ROOT / "run").read_text(encoding="utf-8")
+    fetched = text.split("run_bundle()")[1].split("run_deb()")[0]
+    assert 'declared dependencies; declared page; echo "typing_extensions>=4.5"' in fetched
+
+
+SWITCHES = (
+    *("autonomy", "console", "watchdog", "landing_detection", "state_estimation", "autopilot", "mission_planner"),
+    *("data_recorder", "record", "second_recorder"),
+)
+
+
 @pytest.mark.parametrize(
     "argument, words",
     [
         ("vehicle:=px5", "vehicle:=px5 is none of px4, ardupilot, external"),
         ("flight:=no", "flight:=no is none of real, simulated"),
+        *((f"{name}:=no", f"{name}:=no is neither true nor false") for name in SWITCHES),
+        ("output:=2024", "output:=2024 is a number or true or false to roslaunch: write its whole path"),
+        ("recordings:=1.10", "recordings:=1.1 is a number or true or false to roslaunch: write its whole path"),
+        ("config:=true", "config:=True is a number or true or false to roslaunch: write its whole path"),
     ],
 )
 def test_a_launch_that_cannot_be_is_refused_before_anything_starts(argument, words):
@@ -138,6 +214,42 @@ def test_a_launch_that_cannot_be_is_refused_before_anything_starts(argument, wor
     with pytest.raises(KeyError) as caught:
         substitution.resolve_args(check, {"arg": {**values, name: given}})
     assert caught.value.args == (words,)
+
+
+def test_the_folder_of_a_recorder_that_is_started_alone_is_no_number():
+    substitution = pytest.importorskip("roslaunch.substitution_args", reason="needs ROS")
+    checked = ET.parse(ROOT / "launch" / "recorder.launch").getroot().findall("arg")
+    checks = {each.get("name"): each.get("value") for each in checked}
+    for name in ("config", "folder"):
+        assert substitution.resolve_args(checks[f"_checked_{name}"], {"arg": {name: "/data/2024"}}) == "True"
+        with pytest.raises(KeyError, match=f"{name}:=2024 is a number"):
+            substitution.resolve_args(checks[f"_checked_{name}"], {"arg": {name: "2024"}})
+
+
+def loaded_launch(*words: str):
+    load = pytest.importorskip("roslaunch.config", reason="needs ROS").load_config_default
+    return load([(str(ROOT / "launch" / "autonomy.launch"), list(words))], None)
+
+
+@pytest.mark.parametrize("words", [(), ("overrides:=autopilot.backend=mavros",), ("processes:=forked",)])
+def test_in_the_simulation_no_node_is_told_to_speak_to_a_mavros(words):
+    loaded = loaded_launch("simulation:=true", *words)
+    told = [node.args for node in loaded.nodes if "--overrides" in node.args]
+    assert len(told) >= 4
+    assert all("; autopilot.backend=mavlink'" in args for args in told), "the last one counts"
+
+
+def test_a_vehicle_that_is_flown_elsewhere_may_be_behind_mavros():
+    for words in (("simulation:=true", "vehicle:=external"), ()):
+        assert not any("backend" in node.args for node in loaded_launch(*words).nodes)
+
+
+def test_of_the_second_platform_the_simulation_alone_says_that_there_need_not_be_one():
+    loaded = loaded_launch("simulation:=true")
+    optional = {name: loaded.params[f"/data_recorder_{name}/optional"].value for name in ("main", "second")}
+    assert optional == {"main": False, "second": True}
+    delays = {node.name: node.respawn_delay for node in loaded.nodes if node.name.startswith("data_recorder_")}
+    assert delays == {"data_recorder_main": 1.0, "data_recorder_second": 1.0}
 
 
 GROUP = '<launch><group ns="uav1"><include file="{}">{}</include></group></launch>'

@@ -257,6 +257,15 @@ def test_what_root_has_made_is_named_to_the_user_who_comes_later(world):
     assert (result.returncode, result.stderr.strip()) == (1, words)
 
 
+def test_what_cannot_be_made_in_the_checkout_of_another_is_named(world):
+    (world.checkout / "build").write_text("nobody can make a folder in it\n")
+
+    result = world.run()
+
+    words = f"build/ cannot be made in {world.checkout}, which belongs to {world.checkout.owner()}"
+    assert (result.returncode, result.stderr.strip()) == (1, f"run: {words}: use a checkout of your own")
+
+
 CHANGES = {
     "dates": (lambda folder: [os.utime(path) for path in folder.rglob("*.*")], []),
     "a tool's settings": (lambda folder: (folder / "pyproject.toml").open("a").write("line = 1\n"), []),

@@ -74,6 +74,14 @@ def test_a_slow_topic_s_rate_is_taken_over_some_messages_and_does_not_flicker(tm
     assert set(rate.bins[1:-1]) == {2.5}
 
 
+@pytest.mark.parametrize("length_ms", [10_000, 10_010, 10_200, 10_900])
+def test_a_recording_that_ends_within_a_bin_has_its_rate_to_the_end(tmp_path, length_ms):
+    rows = [(START_NS + at * S // 1000, "/range", distance(START_NS, 1.0)) for at in range(0, length_ms + 1, 10)]
+    with Recordings([write_bag(tmp_path / "a.bag", rows)], ["/range"]) as recordings:
+        (rate,) = rates_of(recordings, [("/range", "lrf", 100.0, None)], 1.0)
+    assert rate.bins == pytest.approx((100.0,) * len(rate.bins), abs=1.5)
+
+
 def test_a_topic_that_is_not_there_has_no_rate(tmp_path):
     rows = [(START_NS + at * S, "/range", distance(START_NS, 1.0)) for at in range(3)]
     with Recordings([write_bag(tmp_path / "a.bag", rows)], ["/range", "/imu"]) as recordings:

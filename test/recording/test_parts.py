@@ -11,11 +11,13 @@ from part_tools import FACTS, killed, part, small_storage
 from replay_bags import write_empty_bag
 
 from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.format import pack_time
 from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.merge.merge import merge
 from amaze_autonomy.bags.recover.recover import restore
 from amaze_autonomy.recording.errors import TransferError
 from amaze_autonomy.recording.losses import losses
-from amaze_autonomy.recording.parts import check_arrived, close_parts, whole_bags
+from amaze_autonomy.recording.parts import check_arrived, close_parts, recover_damaged, whole_bags
 from amaze_autonomy.recording.storage import PARTS
 
 
@@ -68,6 +70,21 @@ def test_what_a_killed_recorder_left_is_closed_where_it_lies_and_can_be_undone(t
     }  # fmt: skip
     assert len(contents(whole)) == 100
     assert digest(restore(whole)) == before
+
+
+def test_a_bag_that_was_closed_and_not_renamed_has_lost_nothing(tmp_path):
+    """Its recorder was killed, or the power was cut, between the two."""
+    source = bag(tmp_path / "source", rows("/a", 100))
+    path = merge([source], tmp_path / "states-01.bag").path
+    source.unlink()
+    before = digest(path)
+    path.rename(tmp_path / "states-01.bag.active")
+    content = close_parts(tmp_path, FACTS)
+    assert content["files"] == [
+        {"file": "states-01.bag", "bytes": path.stat().st_size, "messages": 100, "sha256": before, "lost": 0}
+    ]
+    assert (words(content), content["open_ends"]) == ([], {})
+    assert close_parts(tmp_path, FACTS) == content
 
 
 @pytest.mark.parametrize("again", ["", PARTS])
@@ -126,6 +143,37 @@ def test_a_bag_whose_index_is_damaged_is_recovered(tmp_path):
     path.write_bytes(raw[: len(raw) - 40])
     entry = close_parts(tmp_path, FACTS)["files"][0]
     assert (entry["file"], entry["messages"]) == ("states-01.recovered.bag", 100)
+
+
+@pytest.mark.parametrize("field", [b"conn=", b"chunk_count="])
+def test_one_bit_of_an_index_hinders_no_list(tmp_path, field):
+    path = bag(tmp_path / "states-01.bag", rows("/a", 100))
+    with Index(path) as index:
+        begin = index.position if field == b"conn=" else 0
+    raw = bytearray(path.read_bytes())
+    raw[raw.index(field, begin) + len(field) + (3 if begin else 0)] ^= 0x40 if begin else 4
+    path.write_bytes(raw)
+    content = close_parts(tmp_path, FACTS)
+    (entry,) = content["files"]
+    assert (entry["file"], entry["messages"], entry["lost"]) == ("states-01.recovered.bag", 100, 0)
+    assert (content["uncounted"], words(content)) == (["/a"], [])
+    assert close_parts(tmp_path, FACTS) == content
+
+
+def test_a_chunk_with_another_time_in_the_index_is_recovered_for_a_merge(tmp_path):
+    folder = part(tmp_path / "main", ("states-01.bag", [rows("/a", 100)]))
+    path = folder / "states-01.bag"
+    with Index(path) as index:
+        chunk, begin = index.chunks[1], index.position
+    raw = path.read_bytes()
+    at = raw.index(b"start_time=" + pack_time(chunk.start_ns), begin) + 11
+    path.write_bytes(raw[:at] + pack_time(chunk.start_ns + (1024 << 30)) + raw[at + 8 :])
+    with pytest.raises(BagError, match="outside of the time"):
+        merge([path], tmp_path / "flight.bag")
+    assert recover_damaged(folder, path, tmp_path / "target") is True
+    found = whole_bags(folder, listed(folder), tmp_path / "target")
+    assert [each.lost for each in found] == [0]
+    assert merge([each.path for each in found], tmp_path / "flight.bag").messages == 100
 
 
 def test_a_bag_without_messages_and_an_empty_file_are_no_damage(tmp_path):

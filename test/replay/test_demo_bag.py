@@ -139,17 +139,28 @@ def test_a_required_component_that_was_not_recorded_is_said_everywhere(tmp_path,
     assert f"\n{UNSEEN}.\n" in capsys.readouterr().out
 
 
+def test_one_of_which_a_topic_was_not_recorded_is_said_with_that_topic(tmp_path, flown):
+    path = demo_bag(tmp_path / "x.bag", flown, with_journal=False, without=("/watchdog/info", "/watchdog/action"))
+    outcome, _ = replay(path, "amaze_demo", overrides=["sensors.components.lrf.topics./lrf/status.rate_hz=10.0"])
+    words = "in the recording without /lrf/status"
+    assert f"+0.000 bag lrf is {words}: it is required, and takeoff does not wait for it here" in texts(
+        outcome, LineKind.NOTE
+    )
+    rows = {row.name: (row.verdict.value, row.advice) for row in outcome.checks[CheckName.WATCHDOG][1]}
+    assert rows["lrf"] == ("warn", f"it is required, and {words}")
+
+
 @pytest.mark.parametrize("more", ["", "recorded_statuses: decide\n"])
 def test_one_that_the_recorded_watchdog_speaks_of_is_not(tmp_path, bag, more):
     topic_map = tmp_path / "own.yaml"
     topic_map.write_text((MAPS / "amaze_demo.yaml").read_text() + more)
     outcome, _ = replay(bag, str(topic_map))
-    assert outcome.unseen == ()
+    assert outcome.unseen == {}
     assert "not in the recording" not in str(outcome.checks[CheckName.WATCHDOG])
 
 
 def test_a_map_that_names_its_components_lacks_none(flight_bag, flight_map):
-    assert replay(flight_bag, str(flight_map))[0].unseen == ()
+    assert replay(flight_bag, str(flight_map))[0].unseen == {}
 
 
 FROM_S = 25  # it flies

@@ -152,6 +152,8 @@ UNREAD = {
     "sensors.components.lrf.restart.attempts=2": "lrf never failed",
     "sensors.components.lrf.wait_limit_s=14.0": "no decision asked for it: lrf never failed",
     "sensors.components.mission_camera.severity=low": "the recording has no topic of mission_camera",
+    "sensors.landing_detection.max_vertical_speed_m_s=0.3": "the landing detection of a replay has the range alone, "
+    "no vertical speed",
     "sensors.battery.cells=6": "a replay by the map amaze_demo does not read it",
     "recording.growth_limit_s=3.5": "a replay by the map amaze_demo does not read it",
     "autonomy.streams.watchdog_action_rate_hz=6.0": "a replay by the map amaze_demo does not read it",

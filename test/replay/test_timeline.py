@@ -6,7 +6,9 @@ from math import radians
 
 from amaze_autonomy.engine.commands import Decision, Value
 from amaze_autonomy.engine.events import Check, Verdict
-from amaze_autonomy.replay.peers.answers import Follower
+from amaze_autonomy.monitoring.specs import StateEstimationSpec
+from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor
+from amaze_autonomy.replay.peers.answers import _FOLLOWED, Follower
 from amaze_autonomy.replay.timeline import Line, LineKind, Source, decision_text, joined, marked, written
 
 S = 1_000_000_000
@@ -79,6 +81,12 @@ def test_what_fails_in_flight_is_noted_and_is_no_error_the_check_is_one_before_t
     on_ground = Follower()
     levels = [note.level for angle in (1, 20, 20, 20) for note in on_ground.take(tilt(angle), in_flight=False)]
     assert levels == [0, 2]
+
+
+def test_each_row_that_is_followed_is_one_of_the_check():
+    monitor = StateEstimationMonitor(StateEstimationSpec(topic="/odometry", imu_topic="/imu"))
+    monitor.add_estimate(0, Estimate((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), None, None, None))
+    assert set(_FOLLOWED) <= {row.name for row in monitor.in_motion(0)}
 
 
 def test_rows_that_are_asked_of_a_vehicle_at_rest_are_not_followed():

@@ -135,6 +135,28 @@ def test_the_switch_of_the_transmitter_lands_unless_the_mission_is_flown_without
     assert all(300_000_000 <= after_ns <= 500_000_000 for after_ns in landed)
 
 
+@pytest.mark.parametrize("asked", ["request: land", "fault: land_switch"])
+def test_a_dead_engine_hears_neither_its_user_nor_the_switch(config_folder, asked):
+    configuration = load_configuration(config_folder, ["autopilot.land_switch.channel=7"])
+    dies = "process: autonomy, fault: restarted, after: {state: MISSION, delay_s: 3}, for_s: 10"
+    asks = f"{asked}, after: {{state: MISSION, delay_s: 6}}"
+    told = (dies, asks) if asked.startswith("request") else (f"{dies}\n{asks}, for_s: 2", "")
+    flight = run(configuration, (configuration.plan("1").mission,), scenario(*told))
+    died_ns, back_ns = (t_ns for t_ns, text, _ in flight.history if text.endswith("autonomy restarted"))
+    assert back_ns - died_ns == 10 * S
+    assert not [each for each in flight.decisions if died_ns <= each.t_ns < back_ns]
+    assert "user_land" not in [each.rule for each in flight.decisions]
+    lines = [text for _, text, _ in flight.history if text.startswith("the user asks")]
+    assert lines == ["the user asks: land (nobody hears it: the engine is dead)"] * asked.startswith("request")
+
+
+def test_a_mission_is_selected_as_soon_as_the_engine_lives(configuration):
+    dead = scenario("process: autonomy, fault: restarted, at_s: 4, for_s: 3")
+    flight = run(configuration, (configuration.plan("1").mission,), dead)
+    assert flight.decisions[0].t_ns == 7 * S
+    assert flight.results == (("1", Result.COMPLETE, DataResult.COMPLETE),)
+
+
 def test_there_is_a_story_for_every_shipped_scenario_and_no_other(config_folder):
     assert sorted(STORIES) == sorted(file.stem for file in (config_folder / "faults").glob("*.yaml"))
 

@@ -68,7 +68,7 @@ def test_it_may_begin_at_any_time():
     world = World(small_settings(), 1, scenario("fault: does_not_arm, at_s: 2"), start_ns=10**18)
     events = world.advance(10**18 + 3 * S)
     assert events[0].t_ns >= 10**18
-    assert [(t_ns - 10**18) / S for t_ns, _ in world.history] == [2.0]
+    assert [(t_ns - 10**18) / S for t_ns, _, _ in world.history] == [2.0]
 
 
 def test_its_next_time_is_when_something_happens_next():
@@ -203,7 +203,7 @@ def test_triggers_hear_of_everything_that_happens():
     driver.until(lambda: driver.vehicle.reached == 3 and not driver.vehicle.armed)
     driver.stop_recording()
     driver.go_on(15.0)
-    begun = [text for _, text in driver.world.history if text == "fault begins: gps unreported"]
+    begun = [text for _, text, _ in driver.world.history if text == "fault begins: gps unreported"]
     assert len(begun) == len(events)
 
 

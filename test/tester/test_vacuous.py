@@ -11,7 +11,8 @@ from replay_bags import flight_rows, write_bag
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.tester import Options, run_task, tasks_of
 from amaze_autonomy.tester.command import main
-from amaze_autonomy.tester.play import _meets
+from amaze_autonomy.tester.play import _meets, play
+from amaze_autonomy.tester.scenario.files import load_cases
 
 MAP = Path(__file__).parents[1] / "replay" / "flight.yaml"
 SCENARIO = """\
@@ -70,6 +71,19 @@ def test_a_test_that_rests_on_what_nothing_looked_at_is_vacuous(more):
 )
 def test_what_was_looked_at_passes_although_it_decides_nothing_otherwise(more):
     assert result(more)[0] == "PASS"
+
+
+NEVER = {
+    "requests: [{request: land, after: {state: PILOT}}]\n": "land was never asked",
+    "requests: [{request: hold, after: {state: MISSION}}, {request: hold, at_s: 5000}]\n": "hold was never asked",
+    "faults: [{process: autonomy, fault: interrupted, after: {state: PILOT}}]\n": "autonomy interrupted never began",
+    "faults: [{process: autonomy, fault: interrupted, at_s: 5000}]\n": "autonomy interrupted touched nothing",
+}
+
+
+@pytest.mark.parametrize("more", NEVER)
+def test_what_never_comes_in_a_recording_is_vacuous(more):
+    assert result(more) == ("VACUOUS", NEVER[more])
 
 
 def test_a_key_of_the_command_line_counts_as_one_of_the_scenario(capsys):
@@ -146,6 +160,24 @@ faults: [{component: lrf, fault: silent, after: {event: airborne, delay_s: 3.0}}
 expectations: [{expect: exists, of: {state: HOLD}}]
 configuration: {set: {%s}}
 """
+
+
+def played_simulation(more):
+    Path("x.scenario.yaml").write_text("version: 1\ndescription: x\nmissions: ['1']\n" + more)
+    (case,) = load_cases(Path("x.scenario.yaml"))
+    return play(case, Options(goldens=False))
+
+
+def test_of_two_simulated_requests_that_are_the_same_in_words_the_one_that_never_comes_is_named():
+    asked, never = "{request: retry, at_s: 6}", "{request: retry, after: {state: OUTREACH, occurrence: 50}}"
+    assert played_simulation(f"requests: [{asked}, {never}]\n").vacuous == ("retry was never asked",)
+
+
+def test_two_simulated_faults_that_are_the_same_in_words_keep_their_times():
+    fault = "component: realsense_imu, fault: silent"
+    played = played_simulation(f"faults: [{{{fault}, at_s: 40, for_s: 2}}, {{{fault}, at_s: 20, for_s: 30}}]\n")
+    assert [t_ns / 1e9 for t_ns in played.trace.faults] == [40.0, 20.0]
+    assert [mark[1:3] for mark in played.marks] == [(20.0, 50.0), (40.0, 42.0)]
 
 
 @pytest.mark.parametrize(

@@ -367,6 +367,8 @@ def _merge(options: argparse.Namespace) -> bool:
         verified, manifest = _verified(merged.path, options.inputs, how.offsets_ns, manifest, options)
         lines += _verify_lines(verified)
     _show(lines, manifest, as_json=options.json)
+    if verified:
+        _keep_verdict(merged.path, manifest)
     return bool(verified and verified.problems)
 
 
@@ -401,19 +403,21 @@ def _filter(options: argparse.Namespace) -> bool:
 
 def _verify(options: argparse.Namespace) -> bool:
     """Verify a merged bag and write the verdict into its manifest."""
-    from .merge.manifest import manifest_path, read_manifest
+    from .merge.manifest import applied_offsets, manifest_path, read_manifest
 
     place = manifest_path(options.bag)
     manifest = read_manifest(place) if place.is_file() else None
     inputs, offsets = options.inputs, options.offsets_s
     if not inputs and manifest:
-        inputs, offsets = _listed_inputs(manifest, options.bag.parent)
-    elif manifest and len(inputs) == len(manifest["inputs"]) and not offsets:
-        offsets = tuple(entry["offset_ns"] for entry in manifest["inputs"])
+        inputs = [options.bag.parent / entry["file"] for entry in manifest["inputs"]]
+    if manifest and not offsets:
+        offsets = applied_offsets(manifest, inputs, options.bag.parent)
     if offsets and len(offsets) != len(inputs):
         raise BagError("--offsets-s", f"{len(offsets)} offsets for {len(inputs)} inputs", "give one each")
     verified, manifest = _verified(options.bag, inputs, offsets, manifest, options)
     _show(_verify_lines(verified), manifest, as_json=options.json)
+    if inputs:
+        _keep_verdict(options.bag, manifest)
     return bool(verified.problems)
 
 
@@ -424,7 +428,7 @@ def _verified(
     manifest: Optional[Dict[str, Any]],
     options: argparse.Namespace,
 ) -> Tuple[Verified, Dict[str, Any]]:
-    from .merge.manifest import declared_duplicates, manifest_path, verified_manifest, write_manifest
+    from .merge.manifest import declared_duplicates, verified_manifest
     from .merge.verify import verify
 
     duplicates = declared_duplicates(manifest) if manifest else {}
@@ -432,15 +436,17 @@ def _verified(
     with _progress_bar("verify") as progress:
         how = {"readers": options.readers, "memory": options.memory, "progress": progress}
         verified = verify(bag, inputs, offsets_ns=offsets, duplicates=duplicates, **how)
-    new = verified_manifest(manifest, verified)
-    if inputs:
-        write_manifest(manifest_path(bag), new)
-    return verified, new
+    return verified, verified_manifest(manifest, verified, offsets)
 
 
-def _listed_inputs(manifest: Dict[str, Any], folder: Path) -> Tuple[List[Path], Tuple[int, ...]]:
-    entries = manifest["inputs"]
-    return [folder / entry["file"] for entry in entries], tuple(entry["offset_ns"] for entry in entries)
+def _keep_verdict(bag: Path, manifest: Dict[str, Any]) -> None:
+    """Write a manifest with a verdict that was shown; where that cannot be, as on a read-only medium, say so."""
+    from .merge.manifest import manifest_path, write_manifest
+
+    try:
+        write_manifest(manifest_path(bag), manifest)
+    except OSError as error:
+        say_wrong("amaze-bag", f"{manifest_path(bag)}: {error.strerror}; the verdict was not written into it", DONE)
 
 
 # --- lines and JSON ---------------------------------------------------------------------------------------------------

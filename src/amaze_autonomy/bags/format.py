@@ -365,6 +365,14 @@ class Connection(NamedTuple):
         complete = b"message_definition=" in self.header and "/" in self.kind
         return complete and not damaged and re.fullmatch("[0-9a-f]{32}", self.md5) is not None
 
+    @property
+    def definition(self) -> bytes:
+        """Return the text that defines the type; empty when it is not told, or damaged."""
+        try:
+            return fields_of(self.header, 0, len(self.header)).get(b"message_definition", b"").strip()
+        except RecordError:
+            return b""
+
     def identity(self, *, publishers_apart: bool = True) -> Identity:
         """Return what two connections have in common when they are the same one."""
         return self.topic, self.kind, self.md5, self.latching, self.caller if publishers_apart else ""

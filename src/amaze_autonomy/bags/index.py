@@ -106,7 +106,7 @@ def _edge(seconds: Any, fractions: Any, choose: Any) -> int:
 
 
 _HEAD_BYTES = 4096  # of a chunk's header and of the bag's: more than any writer's
-_LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have tables by number
+LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have tables by number
 KEEP_GOOD = "keep what is good with `amaze-bag recover --check-data`"
 _REMEDY = "make a new one with `amaze-bag recover`"
 _PIECE = 1 << 20
@@ -197,7 +197,8 @@ class Index:
         tail = os.pread(self.file, self.size - self.position, self.position)
         self.connections: Dict[int, Connection] = {}
         place = self._read_connections(tail, header.number(b"conn_count"))
-        self.chunks = self._read_chunks(tail, place, header.number(b"chunk_count"))
+        self.chunks, place = self._read_chunks(tail, place, header.number(b"chunk_count"))
+        require(not _goes_on(tail, place), "it has more records than the header counts")
         self._heads: Dict[int, ChunkHead] = {}
 
     def _read_connections(self, tail: bytes, count: int) -> int:
@@ -205,21 +206,24 @@ class Index:
         for _ in range(count):
             record = _expected(tail, place, CONNECTION)
             connection = connection_of(record, tail[record.data : record.end])
-            require(connection.number <= _LARGEST_NUMBER, f"a connection has the number {connection.number}")
+            require(connection.number <= LARGEST_NUMBER, f"a connection has the number {connection.number}")
             self.connections[connection.number] = connection
             place = record.end
         return place
 
-    def _read_chunks(self, tail: bytes, place: int, count: int) -> List[ChunkInfo]:
+    def _read_chunks(self, tail: bytes, place: int, count: int) -> Tuple[List[ChunkInfo], int]:
         found = []
         for _ in range(count):
             record = _expected(tail, place, CHUNK_INFO)
-            flat = struct.unpack_from(f"<{2 * record.number(b'count')}L", tail, record.data)
+            require(record.size == 8 * record.number(b"count"), "what it says of a chunk contradicts itself")
+            flat = struct.unpack_from(f"<{record.size // 4}L", tail, record.data)
             found.append((record, tuple((number, count) for number, count in zip(flat[::2], flat[1::2]) if count)))
             place = record.end
         if any(connection not in self.connections for _, counts in found for connection, _ in counts):
             raise RecordError("it counts messages of a connection that it does not describe")
-        return self._placed(found)
+        if any(len(dict(counts)) < len(counts) for _, counts in found):
+            raise RecordError("it counts the messages of a connection twice")
+        return self._placed(found), place
 
     def _placed(self, found: List[Tuple[Record, Tuple[Tuple[int, int], ...]]]) -> List[ChunkInfo]:
         positions = sorted(record.number(b"chunk_pos") for record, _ in found)
@@ -376,6 +380,14 @@ def _is_shorter(data: bytes, said: int) -> bool:
     return 0 < said - end <= data.count(b"\n", 0, end)
 
 
+def _goes_on(tail: bytes, place: int) -> bool:
+    """Return whether another record of an index stands at a place; anything else may be behind the last one."""
+    try:
+        return record_at(tail, place, len(tail)).op in (CONNECTION, CHUNK_INFO)
+    except RecordError:
+        return False
+
+
 def _expected(buffer: Buffer, place: int, op: int) -> Record:
     record = record_at(buffer, place, len(buffer))
     if record.op != op or record.end > len(buffer):
@@ -418,7 +430,17 @@ def index_parts(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) 
             raise RecordError("the index behind it is not what the bag's index says")
         parts.append((connection, view[data : data + INDEX_ENTRY * count]))
         place = data + size
+    if place < limit and _is_index(buffer, place, limit):
+        raise RecordError("the index behind it is not what the bag's index says")
     return parts, place
+
+
+def _is_index(buffer: Buffer, place: int, limit: int) -> bool:
+    """Return whether an index record with messages stands at a place."""
+    try:
+        return index_record_at(buffer, place, limit)[2] > 0
+    except RecordError:
+        return False
 
 
 def _joined(parts: List[IndexPart]) -> Tuple[Any, Any, Any]:

@@ -77,6 +77,40 @@ def repeated(numbers: List[int], counts: List[int]) -> Any:
     return np.repeat(np.array(numbers, np.int64), counts)
 
 
+def check_times(index: Index, numbers: List[int], t_ns: Any) -> None:
+    """Check that messages lie in the time that the bag's index says of their chunk; a longer one passes nothing over.
+
+    Args:
+        index: of the bag.
+        numbers: of chunks.
+        t_ns: times of all their messages, chunk by chunk.
+
+    Raises:
+        BagError: One does not: who goes by the times of chunks would miss it, or come to it too late.
+    """
+    chunks = [index.chunks[number] for number in numbers]
+    counts = [chunk.messages for chunk in chunks]
+    first = repeated([chunk.start_ns for chunk in chunks], counts)
+    last = repeated([chunk.end_ns for chunk in chunks], counts)
+    outside = np.flatnonzero((t_ns < first) | (t_ns > last))
+    if len(outside):
+        wrong = RecordError("it has a message outside of the time that the bag's index says")
+        position = chunks[int(np.searchsorted(np.cumsum(counts), outside[0], "right"))].position
+        raise unusable(index.path, position, wrong)
+
+
+def check_index(index: Index) -> Messages:
+    """Return all messages, as `Index.messages` does, and check their times.
+
+    Raises:
+        BagError: The index behind a chunk is damaged, or says other times than the bag's.
+    """
+    messages = index.messages()
+    if len(messages.t_ns):
+        check_times(index, distinct(messages.chunk), messages.t_ns)
+    return messages
+
+
 # --- message records as arrays ----------------------------------------------------------------------------------------
 
 

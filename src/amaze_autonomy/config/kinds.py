@@ -251,6 +251,23 @@ class Text(Kind):
 
 
 @dataclass(frozen=True)
+class Pattern(Text):
+    """A regular expression."""
+
+    said: str = "a regular expression"
+    pattern: str = r"[^\x00-\x1f\x7f ]*"
+
+    def read(self, entry: Entry, address: Address, places: Places) -> str:
+        """Return the expression as a text."""
+        text = super().read(entry, address, places)
+        try:
+            re.compile(text)
+        except re.error as error:
+            self._refuse(entry, address, f"is the text {text!r} ({error})")
+        return text
+
+
+@dataclass(frozen=True)
 class Choice(Kind):
     """One of several words."""
 

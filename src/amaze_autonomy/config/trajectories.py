@@ -143,10 +143,11 @@ def plans_of(
             check_files(trajectories, values["repetitions"], limits.takeoff_height_m, bounds, reach, fences)
         except WaypointError as error:
             raise _config_error(error, folder) from None
-        if values["hover_at_end_s"]:
-            trajectories = (*trajectories[:-1], trajectories[-1].hovering(values["hover_at_end_s"]))
+        hover_s = values["hover_at_end_s"]
+        if hover_s:
+            trajectories = (*trajectories[:-1], trajectories[-1].hovering(hover_s))
         plan = _plan(mission_id, values, components, trajectories, home, model, limits, places)
-        plans.append(replace(plan, fences=fences, land_switch=values["land_switch"]))
+        plans.append(replace(plan, fences=fences, land_switch=values["land_switch"], hover_at_end_s=hover_s))
     return tuple(plans)
 
 
@@ -177,6 +178,9 @@ def plan_of_waypoints(
         numbers = (each.x_m, each.y_m, each.z_m, each.yaw_rad, each.hold_s)
         if not all(map(math.isfinite, numbers)):
             raise WaypointError(file, each.line, "x,y,z,yaw,hold", f"is {numbers}", "must be finite numbers")
+        if abs(each.yaw_rad) > 2 * math.pi + 1e-9:
+            right = f"must be within a turn, {2 * math.pi:.4f} rad; are these degrees?"
+            raise WaypointError(file, each.line, "yaw", f"is {each.yaw_rad:g}", right)
     flights, height_m = (Trajectory(file, tuple(waypoints), frame=frame),), limits.takeoff_height_m
     check_files(flights, 1, height_m, configuration.bounds, (limits.max_height_m, limits.max_distance_m))
     return MissionPlan(Mission(mission_id), flights, *estimate_rounds(flights, height_m, configuration.flight))

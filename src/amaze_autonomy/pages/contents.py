@@ -336,11 +336,12 @@ def _range(story: Story, _: Optional[Estimates]) -> _Plots:
     if story.recordings is None or story.sensors.range is None:
         return []
     topic, path, scale, most_m = story.sensors.range
-    t_s, (values, own_m) = columns_of(story.recordings, topic, (path, "max_range"), story.start_ns)
+    t_s, (values, own) = columns_of(story.recordings, topic, (path, "max_range"), story.start_ns)
     if not len(t_s):
         return []
     metres = values * scale
     with np.errstate(invalid="ignore"):
+        own_m = own * scale
         limit = np.where((own_m > 0) & (own_m < most_m), own_m, most_m)
         beyond = metres >= limit
     shown = np.where(beyond, limit, metres)

@@ -181,13 +181,13 @@ def rates_of(
     for topic, component, expected_hz, limit_s in watched:
         there = topic in recordings.topics and topic not in recordings.missing
         t_ns = recordings.times(recordings.topics.index(topic)) if there else np.zeros(0, np.int64)
-        found.append(_rate((t_ns - start_ns) / _S, (topic, component, expected_hz, limit_s), edges))
+        found.append(_rate((t_ns - start_ns) / _S, (topic, component, expected_hz, limit_s), edges, length_s))
     return found
 
 
-def _rate(t_s: Any, about: Tuple[str, str, Optional[float], Optional[float]], edges: Any) -> TopicRate:
+def _rate(t_s: Any, about: Tuple[str, str, Optional[float], Optional[float]], edges: Any, length_s: float) -> TopicRate:
     topic, component, expected_hz, limit_s = about
-    bins = _binned(t_s, edges, expected_hz)
+    bins = _binned(t_s, edges, length_s, expected_hz)
     if len(t_s) < 2 or t_s[-1] <= t_s[0]:  # noqa: PLR2004
         return TopicRate(topic, component, expected_hz, len(t_s), None, bins, (), None, None)
     steps = np.diff(t_s)
@@ -209,13 +209,20 @@ def _rate(t_s: Any, about: Tuple[str, str, Optional[float], Optional[float]], ed
     )
 
 
-def _binned(t_s: Any, edges: Any, expected_hz: Optional[float]) -> Tuple[float, ...]:
-    """Return the rate in each bin, over as many neighbours as it takes for some messages to be expected."""
+def _binned(t_s: Any, edges: Any, length_s: float, expected_hz: Optional[float]) -> Tuple[float, ...]:
+    """Return the rate in each bin, over as many neighbours as it takes for some messages to be expected.
+
+    The recording ends within the last bin: only what is recorded of it counts, together with the bin before where that
+    is less than half of it.
+    """
     bin_s = float(edges[1] - edges[0])
     wide = 1 if not expected_hz else max(1, int(np.ceil(_PER_RATE / (expected_hz * bin_s))))
     counts = np.histogram(t_s, edges)[0]
+    recorded_s = np.diff(np.minimum(edges, length_s))
     window = np.ones(min(wide, len(counts)))
-    rates = np.convolve(counts, window, "same") / (np.convolve(np.ones(len(counts)), window, "same") * bin_s)
+    rates = np.convolve(counts, window, "same") / np.convolve(recorded_s, window, "same")
+    if wide == 1 and recorded_s[-1] < bin_s / 2:
+        rates[-1] = counts[-2:].sum() / recorded_s[-2:].sum()
     return tuple(round(float(each), 2) for each in rates)
 
 

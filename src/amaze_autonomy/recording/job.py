@@ -380,7 +380,7 @@ def _verified(plan: Plan, inputs: _Inputs, manifest: Dict[str, Any], report: Opt
         raise
     if report is not None:
         report(Phase.VERIFYING, 1, 1)
-    manifest = verified_manifest(manifest, verified)
+    manifest = verified_manifest(manifest, verified, inputs.offsets_ns)
     write_manifest(manifest_path(plan.output), manifest)
     if verified.problems:
         raise RecordingError(f"{plan.output}: {'; '.join(verified.problems)}; the parts are kept, retry merges again")

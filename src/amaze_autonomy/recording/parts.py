@@ -235,7 +235,7 @@ def _uncounted(folder: Path, entries: Sequence[Mapping[str, Any]], files: Sequen
 
 def _written(folder: Path, path: Path, listed: Sequence[Mapping[str, Any]]) -> List[Written]:
     """Return what is known of a file that a recorder wrote: times and numbers of what is whole of it."""
-    file = written(str(listed[0].get("recovered_from", path.name)) if listed else path.name)
+    file = written(str(listed[0].get("recovered_from", listed[0]["file"])) if listed else path.name)
     if file is None:
         return []
     times: List[int] = []
@@ -281,8 +281,13 @@ def _closed_in_place(path: Path) -> Optional[Path]:
 
 
 def _before(path: Path) -> Dict[str, Any]:
-    """Return what the list says of a bag that was closed in place: its name before, what was lost, how to undo it."""
+    """Return what the list says of a bag that was closed in place: its name before, what was lost, how to undo it.
+
+    Without an undo file it was closed by its recorder, which was killed before it gave it its name.
+    """
     undo = undo_path(path)
+    if not undo.exists():
+        return {"lost": 0}
     try:
         was = read_undo(undo)
     except BagError:

@@ -392,6 +392,8 @@ def _monitor_reason(kind: str, name: str, plan: Plan, heard: FrozenSet[str]) -> 
         wanted = ("imu",) if name in _OF_IMU else ("estimate",) if name in _OF_ESTIMATE else wanted
     if kind == "landing" and "landing_detection" not in plan.judged and "landing_detection" in plan.topic_map.statuses:
         return "the map takes what the recorded landing detection said"
+    if kind == "landing" and name == "max_vertical_speed_m_s":
+        return "the landing detection of a replay has the range alone, no vertical speed"
     readings = plan.topic_map.readings
     if name in ("tilt_correction", "max_tilt_rad") and "orientation" not in _fields_of(plan, "imu"):
         return "the map names no orientation"

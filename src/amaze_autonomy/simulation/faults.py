@@ -19,11 +19,13 @@ class Change(NamedTuple):
         t_ns: when.
         what: the fault or request.
         begins: false when a fault ends.
+        place: of it in the scenario, from 0: all faults, then all requests. Two may be the same in words.
     """
 
     t_ns: int
     what: _Item
     begins: bool
+    place: int
 
 
 class Faults:
@@ -31,7 +33,7 @@ class Faults:
 
     def __init__(self, scenario: Scenario, start_ns: int = 0) -> None:
         self._active: Dict[int, Tuple[Fault, int]] = {}
-        self._due: List[Tuple[int, int, int, Change]] = []
+        self._due: List[Tuple[int, int, Change]] = []
         self._waiting: List[Tuple[int, _Item]] = []
         self._seen: Dict[int, int] = {}
         self._pushed = 0
@@ -39,7 +41,7 @@ class Faults:
         items: Tuple[_Item, ...] = (*scenario.faults, *scenario.requests)
         for serial, item in enumerate(items):
             if item.trigger.at_ns is not None:
-                self._push(serial, Change(start_ns + item.trigger.at_ns, item, begins=True))
+                self._push(Change(start_ns + item.trigger.at_ns, item, begins=True, place=serial))
             else:
                 self._waiting.append((serial, item))
 
@@ -53,7 +55,7 @@ class Faults:
     @property
     def requests_to_come(self) -> bool:
         """True while a request of the user, or a fault, is on the schedule: it will come whatever happens."""
-        return any(change.begins for _, _, _, change in self._due)
+        return any(change.begins for _, _, change in self._due)
 
     def observe(self, t_ns: int, *, event: str = "", state: str = "", number: int = 0) -> None:
         """Take notice of an event or a state: what waits for it is put on the schedule."""
@@ -66,7 +68,7 @@ class Faults:
             if self._seen[serial] < item.trigger.occurrence:
                 still.append((serial, item))
                 continue
-            self._push(serial, Change(t_ns + item.trigger.delay_ns, item, begins=True))
+            self._push(Change(t_ns + item.trigger.delay_ns, item, begins=True, place=serial))
         self._waiting = still
 
     def advance(self, t_ns: int) -> Tuple[Change, ...]:
@@ -74,8 +76,8 @@ class Faults:
         self._now_ns = t_ns
         changes: List[Change] = []
         while self._due and self._due[0][0] <= t_ns:
-            _, _, serial, change = heapq.heappop(self._due)
-            if isinstance(change.what, Fault) and not self._apply(serial, change, change.what):
+            _, _, change = heapq.heappop(self._due)
+            if isinstance(change.what, Fault) and not self._apply(change, change.what):
                 continue
             changes.append(change)
         return tuple(changes)
@@ -84,7 +86,7 @@ class Faults:
         """End a fault now, e.g. because what failed was restarted."""
         for serial, (acting, _) in self._active.items():
             if acting is fault:
-                self._push(serial, Change(t_ns, fault, begins=False))
+                self._push(Change(t_ns, fault, begins=False, place=serial))
                 return
 
     def active(self, subject: str, kind: str, target: str = "") -> Optional[Fault]:
@@ -104,15 +106,15 @@ class Faults:
             if fault.kind.subject == subject and fault.target == target
         )
 
-    def _apply(self, serial: int, change: Change, fault: Fault) -> bool:
+    def _apply(self, change: Change, fault: Fault) -> bool:
         """Make a fault act, or end it; false when it had ended before."""
         if change.begins:
-            self._active[serial] = (fault, change.t_ns)
+            self._active[change.place] = (fault, change.t_ns)
             self._active = dict(sorted(self._active.items()))
             if fault.for_ns is not None:
-                self._push(serial, Change(change.t_ns + fault.for_ns, fault, begins=False))
+                self._push(change._replace(t_ns=change.t_ns + fault.for_ns, begins=False))
             return True
-        return self._active.pop(serial, None) is not None
+        return self._active.pop(change.place, None) is not None
 
     def _toggles(self, fault: Fault, since_ns: int) -> int:
         """Return when something that flaps falls silent, or sends again, next."""
@@ -120,9 +122,9 @@ class Faults:
         place = (self._now_ns - since_ns) % (off_ns + on_ns)
         return self._now_ns + (off_ns if place < off_ns else off_ns + on_ns) - place
 
-    def _push(self, serial: int, change: Change) -> None:
+    def _push(self, change: Change) -> None:
         self._pushed += 1
-        heapq.heappush(self._due, (change.t_ns, self._pushed, serial, change))
+        heapq.heappush(self._due, (change.t_ns, self._pushed, change))
 
 
 def _flaps(fault: Fault) -> bool:

@@ -18,7 +18,7 @@ from amaze_autonomy.monitoring.land_switch import LandRequests
 from ..engine.events import Mission
 from ..journal import journal
 from .scenario import Scenario
-from .world import World
+from .world import Happened, World
 
 _S = 1_000_000_000
 _WAITING = (State.MISSION_INPUT, State.OUTREACH, State.PILOT, State.MISSION_ENDED)
@@ -33,7 +33,7 @@ class Run:
         lines: of the journal, header first.
         commands: (time, command) of everything that the engine asked for, decisions left out.
         decisions: in order.
-        history: (time, text) of what happened in the world: faults that began and ended, what the user asked.
+        history: of what happened in the world: faults that began and ended, what the user asked.
         results: (mission, result, what became of its data) of every mission that has ended.
         state: the engine's last state.
         finished: it ended by itself; false: the limit of simulated time was reached.
@@ -42,7 +42,7 @@ class Run:
     lines: Tuple[str, ...]
     commands: Tuple[Tuple[int, Command], ...]
     decisions: Tuple[Decision, ...]
-    history: Tuple[Tuple[int, str], ...]
+    history: Tuple[Happened, ...]
     results: Tuple[Tuple[str, Result, DataResult], ...]
     state: EngineState
     finished: bool
@@ -108,10 +108,11 @@ class _Loop:
         selected = False
         finished = False
         while not finished and self._world.now_ns <= limit_ns:
-            t_ns = self._next_ns() if selected else min(self._next_ns(), _SELECT_NS)
+            waits = selected or self._world.engine_down
+            t_ns = self._next_ns() if waits else min(self._next_ns(), max(_SELECT_NS, self._world.now_ns))
             for event in self._world.advance(t_ns):
                 self._take(event)
-            if not selected and t_ns >= _SELECT_NS:
+            if not selected and t_ns >= _SELECT_NS and not self._world.engine_down:
                 selected = True
                 self._take(MissionSelected(t_ns=t_ns, missions=missions))
             self._look_at_switch(t_ns)
@@ -134,9 +135,11 @@ class _Loop:
         return self._world.next_ns if deadline_ns is None else min(self._world.next_ns, deadline_ns)
 
     def _look_at_switch(self, t_ns: int) -> None:
-        """Ask for a landing where the switch of the transmitter says so, as the node does."""
+        """Ask for a landing where the switch of the transmitter says so, as the node does while it lives."""
+        if self._world.engine_down:
+            return
         request = self._switch.answer(self._state, t_ns, on=bool(self._world.land_switch))
-        if request is not None and not self._world.engine_down:
+        if request is not None:
             self._take(request)
 
     def _take(self, event: Event) -> None:
@@ -183,7 +186,7 @@ _NS = 1e9
 
 def story(scenario: Scenario, result: Run) -> str:
     """Return the story of a run: decisions, messages to the user, and what the scenario did, in order of time."""
-    told: List[Tuple[int, int, str]] = [(t_ns, 0, f"* {text}") for t_ns, text in result.history]
+    told: List[Tuple[int, int, str]] = [(t_ns, 0, f"* {text}") for t_ns, text, _ in result.history]
     told += [(decision.t_ns, 1, text) for decision, text in _joined(result.decisions)]
     told += _messages(result.commands)
     lines = [f"scenario: {scenario.description}", ""]
@@ -272,7 +275,7 @@ def summary(result: Run) -> Dict[str, Any]:
         ],
         "simulated_s": result.state.t_ns / _NS,
         "state": result.state.state.value,
-        "world": [{"t_s": t_ns / _NS, "text": text} for t_ns, text in result.history],
+        "world": [{"t_s": t_ns / _NS, "text": text} for t_ns, text, _ in result.history],
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Callable, Dict, List, Mapping, Optional, Tuple, Type, Union
+from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, Type, Union
 
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Command, Request
@@ -26,6 +26,20 @@ from .streams import Batch, Stream
 from .vehicle.vehicle import Power, Vehicle, VehicleSettings
 
 _CLASSES: Tuple[Type[Peer], ...] = (Autopilot, LandingDetection, StateEstimation, SimulatedWatchdog, Planner, Recorder)
+
+
+class Happened(NamedTuple):
+    """Something that happened by the scenario.
+
+    Args:
+        t_ns: when.
+        text: what, for a person: a fault that began or ended, a request of the user.
+        place: of the fault or request in the scenario, from 0: all faults, then all requests.
+    """
+
+    t_ns: int
+    text: str
+    place: int
 
 
 class World:
@@ -77,7 +91,7 @@ class World:
         self._turn_ns = start_ns
         self._switchboard = Switchboard(self._site, self._peers, live=live)
         self._backlog: List[Event] = []
-        self._history: List[Tuple[int, str]] = []
+        self._history: List[Happened] = []
         self._batches: List[Tuple[str, Batch]] = []
         self._sender = Sender(self._site)
 
@@ -90,8 +104,8 @@ class World:
         return max(min(time for time in times if time is not None), self.now_ns)
 
     @property
-    def history(self) -> Tuple[Tuple[int, str], ...]:
-        """What happened by the scenario: (time, text) of faults that began and ended and of the user's requests."""
+    def history(self) -> Tuple[Happened, ...]:
+        """What happened by the scenario: faults that began and ended, and the user's requests."""
         return tuple(self._history)
 
     @property
@@ -225,11 +239,12 @@ class World:
         if t_ns > self.now_ns:
             self._move(t_ns)
         for change in self._faults.advance(t_ns):
-            self._history.append((t_ns, _told(change)))
+            self._history.append(Happened(t_ns, _told(change, heard=not self.engine_down), change.place))
             if not isinstance(change.what, Fault):
-                events.append(self._asked(t_ns, change.what))
+                if not self.engine_down:
+                    events.append(self._asked(t_ns, change.what))
                 continue
-            if change.what.target == ENGINE:
+            if change.what.target == ENGINE and not self.engine_down:
                 events.extend(_of_engine(t_ns, change.what, begins=change.begins))
             (begin if change.begins else end)(self._site, change.what)
             if (change.what.kind.subject, change.what.kind.name) == (Subject.PROCESS, "killed"):
@@ -297,10 +312,10 @@ class World:
             self._peers[process] = self._classes[process](self._site)
 
 
-def _told(change: Change) -> str:
+def _told(change: Change, *, heard: bool) -> str:
     """Say what a change is, for a person."""
     if not isinstance(change.what, Fault):
-        return f"the user asks: {change.what}"
+        return f"the user asks: {change.what}" + ("" if heard else " (nobody hears it: the engine is dead)")
     return f"fault {'begins' if change.begins else 'ends'}: {change.what}"
 
 

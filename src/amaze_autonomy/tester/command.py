@@ -125,6 +125,7 @@ def _add_export(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     exported.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help=words)
     words = "topics that are wanted, as '/camera/*'; default: all"
     exported.add_argument("--topics", nargs="+", default=(), metavar="PATTERN", help=words)
+    exported.add_argument("--force", action="store_true", help="replace an existing output; recordings never are")
     add_memory(exported)
     exported.set_defaults(command=_export)
 
@@ -187,7 +188,7 @@ def _propose(options: argparse.Namespace) -> int:
 def _export(options: argparse.Namespace) -> int:
     from ..replay.recordings.export import export  # noqa: PLC0415
 
-    done = export(options.bags, options.output, options.topics, options.memory)
+    done = export(options.bags, options.output, options.topics, options.memory, replace=options.force)
     unread = [f"{topic}: {count:,} messages cannot be read, they are missing" for topic, count in done.unread.items()]
     written = [f"written: {path}" for path in done.files]
     show_lines([*done.problems, *done.left_out, *unread, *written, f"{done.messages:,} messages"])

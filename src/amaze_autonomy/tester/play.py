@@ -20,6 +20,7 @@ from amaze_autonomy.paths import config_folder
 from amaze_autonomy.simulation import Fault, Scenario, Subject, Trigger
 from amaze_autonomy.simulation.errors import SimulationError
 from amaze_autonomy.simulation.run import run
+from amaze_autonomy.simulation.world import Happened
 from amaze_autonomy.whole_file import sha256_of
 
 from ..engine.events import Mission
@@ -188,7 +189,13 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
             f"{each.topic}: {each.count} messages cannot be read ({each.reason})" for each in part.damage.values()
         ]
     played = _played(replace(outcome, unread=(*blind, *outcome.unread)), acting, touched, broken)
-    return replace(played, vacuous=(*played.vacuous, *unseen))
+    unasked = _never_asked(case, [t_ns <= outcome.end_ns for t_ns, _ in requests])
+    return replace(played, vacuous=(*played.vacuous, *unseen, *unasked))
+
+
+def _never_asked(case: Case, asked: Sequence[bool]) -> List[str]:
+    """Return what is said of each request of a case that was not asked."""
+    return [f"{request} was never asked" for request, done in zip(case.requests, asked) if not done]
 
 
 def _is_looked_at(acting: Acting, session: Session) -> bool:
@@ -287,8 +294,7 @@ def _times(
         t_ns = _begin(case, request.trigger, part.start_ns, calm, str(request))
         if request.command is None:
             raise ReplayError(f"{case.path}: {request}: a replay selects its mission by `missions`")
-        if t_ns is not None:
-            requests.append((t_ns, request.command))
+        requests.append((_NEVER if t_ns is None else t_ns, request.command))
     return tuple(acting), tuple(requests)
 
 
@@ -389,8 +395,8 @@ def _simulate(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     result = fly(configuration, missions, watch=keys.followed)
     began = _beginnings(case, result.history)
     vacuous = [f"{fault} did nothing: it never began" for fault, t in zip(case.faults, began) if t is None]
-    asked = [text for _, text in result.history]
-    vacuous += [f"{each} was never asked" for each in case.requests if f"the user asks: {each}" not in asked]
+    places = {each.place for each in result.history}
+    vacuous += _never_asked(case, [len(case.faults) + number in places for number in range(len(case.requests))])
     if not result.finished:
         vacuous.append(f"the run had not ended after {case.limit_ns / 1e9:g} s of simulated time")
 
@@ -412,24 +418,18 @@ def _decided_keys(case: Case, options: Options, rules: Optional[Rules]) -> Tuple
     return DecidedKeys(given, lambda some: load_configuration(folder, some)), blind
 
 
-def _beginnings(case: Case, history: Tuple[Tuple[int, str], ...]) -> Tuple[Optional[int], ...]:
-    """Return when each fault began; two that are the same in words begin in their order."""
-    times: Dict[str, List[int]] = {}
-    for t_ns, text in history:
-        times.setdefault(text, []).append(t_ns)
-    found: List[Optional[int]] = []
-    for fault in case.faults:
-        left = times.get(f"fault begins: {fault}", [])
-        found.append(left.pop(0) if left else None)
-    return tuple(found)
+def _beginnings(case: Case, history: Tuple[Happened, ...]) -> Tuple[Optional[int], ...]:
+    """Return when each fault began; None: never."""
+    times = {each.place: each.t_ns for each in reversed(history)}
+    return tuple(times.get(place) for place in range(len(case.faults)))
 
 
-def _marks_of_a_simulation(history: Tuple[Tuple[int, str], ...]) -> Tuple[Mark, ...]:
+def _marks_of_a_simulation(history: Tuple[Happened, ...]) -> Tuple[Mark, ...]:
     marks: List[Mark] = []
-    for number, (t_ns, text) in enumerate(history):
+    for number, (t_ns, text, place) in enumerate(history):
         kind, _, what = text.partition(": ")
         if kind == "fault begins":
-            ends = (end for end, other in history[number:] if other == f"fault ends: {what}")
+            ends = (each.t_ns for each in history[number + 1 :] if each.place == place)
             end_ns = next(ends, None)
             marks.append(("fault", t_ns / 1e9, None if end_ns is None else end_ns / 1e9, what))
         elif kind == "the user asks":

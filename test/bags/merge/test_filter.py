@@ -14,6 +14,7 @@ from rosbags.rosbag1 import Writer
 
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.bags.cli import main
+from amaze_autonomy.bags.format import pack_time
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge.filter import Part, filter_bag, verify_part
 from amaze_autonomy.bags.merge.merge import MergeOptions, Source, merge
@@ -93,6 +94,23 @@ def test_chunks_that_are_wanted_whole_stay_compressed_and_what_has_no_message_is
         assert [each.topic for each in index.connections.values()] == ["/a", "/c", "/d", "/e"]
         assert {index.head(number).compression for number in range(len(index.chunks))} == {"none", "lz4"}
     assert all(not each.error for each in read_with(done.path, every_message=True))
+
+
+@pytest.mark.parametrize("bit", range(32))
+def test_a_chunk_whose_end_is_wrong_in_the_index_is_not_passed_over(tmp_path, bit):
+    path = bag(tmp_path / "x.bag", rows("/a", 150))
+    raw, part = bytearray(path.read_bytes()), Part(begin_ns=620 * MS, end_ns=1120 * MS)
+    expected = wanted_of(path, part)
+    assert len(expected) == 50
+    with Index(path) as index:
+        chunk = next(each for each in index.chunks if each.start_ns > START_NS + 620 * MS)
+        place = raw.index(b"end_time=" + pack_time(chunk.end_ns), index.position) + 9
+    raw[place + bit // 8] ^= 1 << bit % 8
+    path.write_bytes(raw)
+    try:
+        assert contents(filter_bag(path, tmp_path / "y.bag", part).path) == expected
+    except BagError as error:
+        assert "outside of the time that the bag's index says" in str(error)  # noqa: PT017  (it may as well be none)
 
 
 def test_what_is_not_wanted_is_not_read(tmp_path, monkeypatch):

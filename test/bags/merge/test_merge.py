@@ -13,12 +13,16 @@ from replay_bags import START_NS, write_bag, write_empty_bag
 from rosbags.rosbag1 import Reader, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from amaze_autonomy.bags import Recording
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.bags.format import Connection
+from amaze_autonomy.bags.format import Connection, fields_of, pack_field
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge.manifest import Tally, merge_manifest
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
 from amaze_autonomy.bags.merge.verify import verify
+from amaze_autonomy.bags.recover.recover import recover
+from amaze_autonomy.bags.recover.scan import scan
+from amaze_autonomy.bags.write import Output
 
 
 def merged(tmp_path, inputs, **options):
@@ -163,10 +167,51 @@ def test_different_definitions_of_a_topic_stay_apart_with_a_warning(tmp_path):
     )
 
 
+def undefined(source, path):
+    """Write a bag again, without the definitions of its types."""
+    with Index(source) as index, Output(path) as out:
+        for chunk in index.chunks:
+            times = (chunk.start_ns, chunk.end_ns)
+            out.copy_chunk(index.file, chunk.position, chunk.end, times=times, counts=chunk.counts)
+        bare = {
+            number: each._replace(header=each.header.replace(definition_field(each), pack_field(DEFINITION, b"")))
+            for number, each in index.connections.items()
+        }
+        out.close(bare)
+    return path
+
+
+DEFINITION = b"message_definition"
+
+
+def definition_field(connection):
+    return pack_field(DEFINITION, fields_of(connection.header, 0, len(connection.header))[DEFINITION])
+
+
+@pytest.mark.parametrize("place", [0, 1])
+@pytest.mark.parametrize("apart", [True, False])
+def test_the_definition_of_a_type_is_kept_whichever_input_has_it(tmp_path, place, apart):
+    inputs = [
+        bag(tmp_path / f"{each}.bag", rows("/a", 20, tag=str(each), caller=f"/{0 if apart else each}"))
+        for each in range(2)
+    ]
+    with Index(inputs[0]) as index:
+        expected = index.connections[0].definition
+    inputs[place] = undefined(inputs[place], tmp_path / "bare.bag")
+    with Index(inputs[place]) as index:
+        assert (index.connections[0].definition, expected != b"") == (b"", True)
+    path = merged(tmp_path, inputs, publishers_apart=apart).path
+    with Index(path) as index:
+        assert [each.definition for each in index.connections.values()] == [expected]
+    with Recording(path) as found:
+        said = sorted(found.message(entry).data for entry in found.entries("/a"))
+    assert said == sorted(raw[4:].decode() for _, _, raw in contents(path))
+
+
 @pytest.mark.parametrize("compression", ["lz4", "bz2"])
 def test_compressed_chunks_that_overlap_nothing_are_copied_as_they_are(tmp_path, compression):
     inputs = [
-        bag(tmp_path / f"{each}.bag", rows("/a", 90, first_ms=each * 1000), compression=compression)
+        bag(tmp_path / f"{each}.bag", rows("/a", 90, first_ms=each * 2000), compression=compression)
         for each in range(3)
     ]
     result = merged(tmp_path, inputs, compression=compression)
@@ -238,6 +283,22 @@ def test_dropping_agrees_with_three_inputs(tmp_path):
     result = merged(tmp_path, inputs, duplicates="drop")
     assert multiset(result.path) == multiset(inputs[0])
     assert sum(tally.messages for tally in result.duplicates.values()) == 80
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_duplicates_are_found_in_compressed_chunks_that_overlap_no_other(tmp_path, compression):
+    shared, late = rows("/image", 20, caller="/n"), rows("/image", 20, first_ms=5, caller="/n")
+    inputs = [
+        bag(tmp_path / f"{place}.bag", each, compression=compression, chunk_bytes=1)
+        for place, each in enumerate((shared, late))
+    ]
+    counted = merged(tmp_path, inputs)
+    assert [tally.messages for tally in counted.duplicates.values()] == [20]
+    dropped = merged(tmp_path, inputs, duplicates="drop", replace=True)
+    assert multiset(dropped.path) == multiset(inputs[0])
+    assert [tally.messages for tally in dropped.duplicates.values()] == [20]
+    ignored = merged(tmp_path, inputs, duplicates="ignore", replace=True)
+    assert (ignored.messages, ignored.chunks_copied) == (40, 0 if compression == "none" else 40)
 
 
 def repeated(first, last, *, after_ms=0):
@@ -316,6 +377,47 @@ def test_a_damaged_input_is_refused_with_the_place_and_the_remedy(tmp_path):
     assert str(caught.value).startswith(f"{source}: the chunk at byte {position} is damaged: ")
     assert str(caught.value).endswith("; keep what is good with `amaze-bag recover --check-data`")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["1.bag"]
+
+
+def with_times(source, path, change):
+    """Write a bag whose index says other times of its second chunk."""
+    with Index(source) as index, Output(path) as out:
+        for number, chunk in enumerate(index.chunks):
+            times = (chunk.start_ns, chunk.end_ns) if number != 1 else change(chunk.start_ns, chunk.end_ns)
+            out.copy_chunk(index.file, chunk.position, chunk.end, times=times, counts=chunk.counts)
+        out.close(index.connections)
+    return path
+
+
+OTHER_TIMES = {
+    "begins later": (lambda start_ns, end_ns: (start_ns + 1, end_ns), False),
+    "begins much later": (lambda start_ns, end_ns: (start_ns + (1024 << 30), end_ns), False),
+    "ends before": (lambda start_ns, end_ns: (start_ns, end_ns - 1), False),
+    "begins before": (lambda start_ns, end_ns: (start_ns - 1024 * 1000 * MS, end_ns), True),
+    "ends later": (lambda start_ns, end_ns: (start_ns, end_ns + 1024 * 1000 * MS), True),
+}
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("name", OTHER_TIMES)
+def test_times_of_chunks_are_not_believed_alone(tmp_path, compression, name):
+    """A chunk would be passed over, or come too late; a longer time than that of its messages does no harm."""
+    change, harmless = OTHER_TIMES[name]
+    plain = bag(tmp_path / "1.bag", rows("/a", 200), compression=compression)
+    source = with_times(plain, tmp_path / "2.bag", change)
+    with Index(source) as index:
+        position = index.chunks[1].position
+    if harmless:
+        assert multiset(merged(tmp_path, [source]).path) == multiset(plain)
+        assert not scan(source).damages
+        return
+    wrong = f"the chunk at byte {position} is damaged: it has a message outside of the time that the bag's index says"
+    with pytest.raises(BagError, match=wrong):
+        merge([source], tmp_path / "m.bag")
+    assert not (tmp_path / "m.bag").exists()
+    found = recover(source, tmp_path / "3.bag").scan
+    assert ([damage.what for damage in found.damages], found.lost) == ([wrong], 0)
+    assert multiset(merged(tmp_path, [tmp_path / "3.bag"]).path) == multiset(plain)
 
 
 def test_a_message_that_the_index_does_not_know_is_not_lost_silently(tmp_path):

@@ -88,6 +88,16 @@ def test_a_good_bag_is_left_alone(tmp_path, whole):
     assert digest(good) == digest(whole)
 
 
+def test_a_good_bag_with_the_name_of_an_open_one_gets_its_own(tmp_path, whole):
+    """Its recorder was killed between the two."""
+    active, final = tmp_path / "flight.bag.active", tmp_path / "flight.bag"
+    shutil.copy(whole, active)
+    done = recover_in_place(active)
+    assert (done.path, done.complete, done.size) == (final, True, whole.stat().st_size)
+    assert names(tmp_path) == ["flight.bag"]
+    assert digest(final) == digest(whole)
+
+
 def test_killed_at_any_moment_the_original_can_be_made_again(tmp_path, active):
     before, final = digest(active), tmp_path / "flight.bag"
     for call in every_kill(lambda: recover_in_place(active)):

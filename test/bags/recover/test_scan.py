@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import random
+import re
 import struct
 import tracemalloc
 from collections import Counter
 
+import numpy as np
 import pytest
 from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, rows
 
@@ -17,6 +19,7 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge import writer
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
 from amaze_autonomy.bags.merge.verify import verify
+from amaze_autonomy.bags.read import check_index, index_records
 from amaze_autonomy.bags.recover.recover import recover
 from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.bags.write import Output
@@ -189,6 +192,105 @@ def test_a_chunk_that_the_index_names_and_nobody_finds_is_lost_and_counted(tmp_p
     done, there = recovered(tmp_path, source)
     assert len(there) == 330
     assert done.scan.damages
+
+
+def usable(path):
+    """Return how many messages a bag has by its index alone; None where that cannot be used."""
+    try:
+        with Index(path) as index:
+            return len(check_index(index).t_ns)
+    except BagError:
+        return None
+
+
+def flipped(path, raw, at, bit):
+    path.write_bytes(raw[:at] + bytes([raw[at] ^ 1 << bit]) + raw[at + 1 :])
+
+
+@pytest.mark.parametrize("check_data", [True, False])
+def test_a_bit_of_the_index_is_good_to_all_or_to_nobody_and_what_is_recovered_can_be_used(tmp_path, check_data):
+    source = bag(tmp_path / "whole.bag", rows("/a", 20), rows("/b", 10, 23), rows("/c", 6, 31), chunk_bytes=700)
+    raw, broken, chance = source.read_bytes(), tmp_path / "broken.bag", random.Random(9)
+    with Index(source) as index:
+        bits = [(at, bit) for at in range(index.position, index.size) for bit in range(8)]
+    drawn = chance.sample(bits, 250)
+    assert len(drawn) == 250
+    for at, bit in drawn:
+        flipped(broken, raw, at, bit)
+        found = scan(broken, check_data=check_data)
+        good = found.closed and not found.damages
+        assert good is (usable(broken) is not None), (at, bit, found.damages)
+        done = recover(broken, tmp_path / "recovered.bag", check_data=check_data, replace=True)
+        assert usable(done.path) == done.scan.messages
+        assert done.scan.messages == 36 or done.scan.lost != 0, (at, bit)
+        assert scan(done.path, check_data=check_data).damages == [], (at, bit)
+
+
+@pytest.mark.parametrize(
+    "bit, said", [(3, ""), (21, "a connection has the number 2097152"), (30, "a connection has the number 1073741824")]
+)
+def test_a_connection_with_another_number_in_the_index_is_no_good_bag(tmp_path, bit, said):
+    """The larger two have a number that no bag may have: what is recovered must not keep it."""
+    source = bag(tmp_path / "1.bag", rows("/a", 20), rows("/b", 10))
+    raw, whole = source.read_bytes(), contents(source)
+    with Index(source) as index:
+        at = raw.index(b"conn=", index.position) + 5 + bit // 8
+    flipped(source, raw, at, bit % 8)
+    done, there = recovered(tmp_path, source)
+    assert (there, done.scan.lost) == (whole, 0)
+    assert len(done.scan.damages) == 1
+    assert said in done.scan.damages[0].what
+    with Index(done.path) as index:
+        assert max(index.connections) <= 8
+
+
+@pytest.mark.parametrize("check_data", [True, False])
+def test_two_connections_of_one_number_in_the_index_are_not_mixed_up(tmp_path, check_data):
+    source = bag(tmp_path / "1.bag", rows("/a", 20), rows("/b", 10), rows("/c", 5))
+    raw, whole = source.read_bytes(), contents(source)
+    with Index(source) as index:
+        places = [each.end() for each in re.finditer(b"conn=", raw) if each.start() > index.position]
+    assert len(places) == 3
+    for at in places:
+        for bit in (0, 1):
+            flipped(source, raw, at, bit)
+            done, there = recovered(tmp_path, source, check_data=check_data)
+            assert (there, done.scan.lost) == (whole, 0), (at, bit)
+            assert len(done.scan.damages) == 1
+
+
+def test_a_connection_with_another_number_in_a_chunk_of_an_open_bag_costs_its_messages_alone(tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 20), rows("/b", 10), chunk_bytes=100_000)
+    with Index(source) as index:
+        raw, first = source.read_bytes()[: index.position], index.head(0).data
+    flipped(tmp_path / "2.bag.active", raw, raw.index(b"conn=", first) + 8, 6)
+    done, there = recovered(tmp_path, tmp_path / "2.bag.active")
+    assert {topic for _, topic, _ in there} == {"/b"}
+    assert (len(there), done.scan.lost) == (10, 20)
+    assert any(each.what == f"a connection has the number {1 << 30}" for each in done.scan.damages)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("check_data", [True, False])
+def test_several_index_records_of_one_connection_are_made_one(tmp_path, compression, check_data):
+    source = bag(tmp_path / "1.bag", rows("/a", 20), rows("/b", 10), compression=compression)
+    with Index(source) as index, Output(tmp_path / "2.bag") as out:
+        for number, chunk in enumerate(index.chunks):
+            head, columns = index.head(number), list(zip(*index.entries(number)))
+            half = [row for row in columns if row[1] == 0][:1]
+            parts = [half, [row for row in columns if row not in half]] if number == 1 else [columns]
+            records = b"".join(index_records(*map(np.array, zip(*part))) for part in parts)
+            times = (chunk.start_ns, chunk.end_ns)
+            end = head.data + head.stored
+            out.copy_chunk(index.file, chunk.position, end, times=times, counts=chunk.counts, index=records)
+        out.close(index.connections)
+    path = tmp_path / "2.bag"
+    with pytest.raises(BagError, match="the index behind it is not what the bag's index says"):
+        merge([path], tmp_path / "3.bag")
+    done, there = recovered(tmp_path, path, check_data=check_data)
+    assert (there, done.scan.lost) == (contents(source), 0)
+    assert [each.what for each in done.scan.damages] == ["a chunk has several index records of one connection"]
+    assert contents(merge([done.path], tmp_path / "3.bag").path) == contents(source)
 
 
 def test_what_was_not_looked_at_is_said_not_to_be_checked(tmp_path, capsys):

@@ -7,6 +7,7 @@ from math import inf, isinf, isnan
 from random import Random
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from amaze_autonomy.config import ConfigError
@@ -152,6 +153,20 @@ def test_a_list_becomes_empty_and_a_number_in_it_none_that_is_known():
 def test_what_is_true_or_false_becomes_the_other_one():
     (edit,) = EDITS["garbage"](Acting(fault("topic: /imu, fault: garbage, field: z"), 0, None), (0,), Random(1), list)
     assert [edit(Message(value)).z for value in (True, False)] == [False, True]
+
+
+@pytest.mark.parametrize("kind, silly", [("float32", 8191), ("int16", 8191), ("uint8", 255), ("int8", 127)])
+def test_a_number_of_an_array_is_a_number(kind, silly):
+    def edited(text):
+        acting = Acting(fault(f"topic: /imu, fault: {text}, field: 'values[0]'"), 0, None)
+        (edit,) = EDITS[text.split(",")[0]](acting, (0,), Random(1), list)
+        return edit(message)
+
+    message = Message(0.0, values=np.array([3, 4], kind))
+    assert edited("saturated, lowest: 0, highest: 9") is message
+    assert edited("biased, by: 0") is message
+    assert edited("biased, by: 1").values.tolist() == [4, 4]
+    assert edited("garbage").values.tolist() == [silly, 4]
 
 
 def test_only_what_changed_is_counted():

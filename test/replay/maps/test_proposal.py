@@ -414,6 +414,19 @@ def changes_of(values):
     return [each for each, before in zip(values, [(None, None), *values]) if each[1] != before[1]]
 
 
+def test_of_the_time_between_two_settings_of_a_clock_nothing_is_made(tmp_path):
+    """Else there would be thirteen million statuses."""
+    month_s = 30 * 24 * 3600
+    rows = cns_rows()
+    later = [(t_ns + month_s * S, *rest) for t_ns, *rest in rows]
+    bag = write_bag(tmp_path / "x.bag", sorted([*rows, *later], key=lambda row: row[0]))
+    for topic in ("landing_detection", "mission_planner"):
+        (made,) = [each for each in recordings_of(bag) if f"/cns/{topic}" in {named.name for named in each.topics}]
+        times = [(entry.t_ns - START_NS) / S for entry in made.entries(f"/cns/{topic}")]
+        assert 100 < len(times) < 1000
+        assert [t_s for t_s in times if 40 < t_s < month_s] == []
+
+
 def test_a_flight_of_the_cns_flight_stack_gives_statuses_of_ours_by_the_proposed_map(tmp_path):
     bag = cns_flight(tmp_path)
     proposal, path = proposed(tmp_path, bag)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from math import radians
 
+import numpy as np
 import pytest
 
 from amaze_autonomy.config import ConfigError
+from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.replay.maps.topic_map import STATUSES, Script, load_map, map_names
+from amaze_autonomy.replay.monitors.feeds import FactFeed
 
 MINIMAL = "about: a test\n"
 
@@ -119,6 +122,19 @@ def test_a_mistake_is_one_line_with_its_place_and_what_would_be_right(tmp_path, 
     with pytest.raises(ConfigError) as caught:
         load_map(path)
     assert str(caught.value) == str(tmp_path / message)
+
+
+@pytest.mark.parametrize("words", ["[true]", "['True']", "[1]", "[yes]", "['true']"])
+@pytest.mark.parametrize("value", [True, np.bool_(1), 1, np.uint8(1), "true"])
+def test_what_is_true_means_on_the_ground_in_each_way_of_writing_it(tmp_path, words, value):
+    path = written(tmp_path, MINIMAL + f"readings:\n  landed: {{topic: /landed, on_ground: {words}, unknown: [7]}}\n")
+    facts = {}
+    feed = FactFeed("landed", load_map(path).readings["landed"], facts)
+    landed = []
+    for said in (value, type(value)(0) if value != "true" else "false"):
+        feed.take_values(1, (said,))
+        landed.append(facts["landed"].value)
+    assert landed == [VehicleLanded.ON_GROUND, VehicleLanded.IN_AIR]
 
 
 def test_a_map_that_is_not_there_is_refused_with_those_that_are():

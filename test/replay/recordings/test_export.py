@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from xml.etree import ElementTree as ET
 
 import numpy as np
+import pytest
 from mcap.reader import make_reader
 from other_recordings import ulog_rows, write_mcap, write_ros2, write_ulog
 from pyulog.core import ULog
@@ -128,6 +130,45 @@ def test_what_cannot_be_exported_is_one_line(tmp_path, capsys):
     assert "no topic tells where the vehicle is: none is of such a type" in capsys.readouterr().err
     assert main(["export", str(bag), "-o", str(tmp_path / "x"), "--topics", "/gps"]) == 2
     assert "there is no message of such a topic; there are /armed, /battery, /imu" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("force", [[], ["--force"]])
+def test_a_recording_is_never_its_own_output(tmp_path, capsys, force):
+    file = write_mcap(tmp_path / "e.mcap", flight_rows(2.0))
+    folder = write_ros2(tmp_path / "two", flight_rows(2.0))
+    (inside,) = folder.glob("*.db3")
+    (tmp_path / "link.mcap").symlink_to(file)
+    os.link(inside, tmp_path / "inside.mcap")
+    before = [path.read_bytes() for path in (file, inside)]
+    for name, source in (("e.mcap", file), ("link.mcap", file), ("two", folder), ("inside.mcap", folder)):
+        output = tmp_path / name
+        assert main(["export", str(source), "-o", str(output), "--topics", "/imu", *force]) == 2
+        assert f"{output}: is one of the recordings, which are never changed" in capsys.readouterr().err
+    assert [path.read_bytes() for path in (file, inside)] == before
+    assert sorted(each.name for each in folder.iterdir()) == [*sorted({inside.name, "metadata.yaml"})]
+
+
+@pytest.mark.parametrize("name", ["x.mcap", "x.kml", "tables"])
+def test_what_exists_is_replaced_only_where_that_is_asked(tmp_path, capsys, name):
+    source, output = write_ulog(tmp_path / "x.ulg", ulog_rows(5.0)), tmp_path / name
+    command = ["export", str(source), "-o", str(output), "--topics", "/vehicle_gps_position"]
+    assert main(command) == 0
+    file = output / "vehicle_gps_position.csv" if name == "tables" else output
+    good = file.read_bytes()
+    file.write_bytes(b"mine")
+    capsys.readouterr()
+    assert main(command) == 2
+    assert f"{file}: exists; choose another name, or say that it may be replaced" in capsys.readouterr().err
+    assert file.read_bytes() == b"mine"
+    assert main([*command, "--force"]) == 0
+    assert len(file.read_bytes()) == len(good)
+
+
+def test_tables_come_into_a_folder_beside_those_of_other_topics(tmp_path):
+    source = write_bag(tmp_path / "x.bag", flight_rows(1.0))
+    for topic in ("/imu", "/armed"):
+        export([source], tmp_path / "tables", [topic])
+    assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["armed.csv", "imu.csv"]
 
 
 def test_a_long_array_is_left_out_of_tables_and_that_is_said(tmp_path, capsys):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from other_recordings import write_mcap
 from replay_bags import START_NS, S, break_chunk, number, write_bag
 
 from amaze_autonomy.replay.errors import NoMessagesError, TimeJumpError, UnknownTopicError
-from amaze_autonomy.replay.recordings.sources import Recordings, TopicFigures
+from amaze_autonomy.replay.recordings.sources import Recordings, TopicFigures, recordings_of, spans_of
 
 
 def seen(*arguments):
@@ -83,6 +84,16 @@ def test_a_message_that_cannot_be_read_is_noted_once_per_topic(tmp_path):
         damage = recordings.damage["/a"]
     assert (damage.topic, damage.count, damage.first_ns, damage.last_ns) == ("/a", 3, START_NS, START_NS + 2)
     assert damage.reason.startswith("chunk at byte ")
+
+
+def test_a_recording_has_a_span_before_and_after_each_time_that_a_clock_was_set(tmp_path):
+    rows = [(5 * S, "/b", number(1)), (START_NS, "/a", number(2)), (START_NS + S, "/a", number(3))]
+    with recordings_of(write_bag(tmp_path / "x.bag", rows))[0] as bag:
+        assert spans_of(bag) == [(5 * S, 5 * S), (START_NS, START_NS + S)]
+    with recordings_of(write_bag(tmp_path / "y.bag", rows[1:]))[0] as bag:
+        assert spans_of(bag) == [(START_NS, START_NS + S)]
+    with recordings_of(write_mcap(tmp_path / "z.mcap", rows))[0] as other:
+        assert spans_of(other) == [(5 * S, 5 * S), (START_NS, START_NS + S)]
 
 
 @pytest.mark.parametrize("topics", [("/a",), ("/a", "/b")])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from replay_bags import START_NS
+from replay_bags import START_NS, S
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -17,9 +17,11 @@ from amaze_autonomy.autopilot.link.framing import frame_at, read_tlog
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.replay.errors import TimeJumpError
 from amaze_autonomy.replay.maps.proposal import propose
 from amaze_autonomy.replay.maps.topic_map import load_map
 from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.recordings.export import export
 from amaze_autonomy.replay.recordings.sources import Recordings, recordings_of, topics_of
 from amaze_autonomy.replay.recordings.telemetry import Telemetry
 from amaze_autonomy.replay.session import Session
@@ -255,6 +257,33 @@ def test_slow_telemetry_that_ends_is_silence(tmp_path):
     assert (changes(Telemetry.of_log(path), "landed")[-1], changes(Telemetry.of_log(path), "mode")[-1]) == (0, "")
 
 
+def beats(path, *times_s):
+    """Write a log of heartbeats."""
+    sender = mavlink.MAVLink(None, 1, 1)
+    said = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 0, 0, 3, 3)
+    path.write_bytes(b"".join(struct.pack(">Q", START_NS // 1000 + 10**6 * t) + said.pack(sender) for t in times_s))
+    return path
+
+
+def test_a_log_in_which_a_clock_was_set_is_refused_at_once_and_can_be_exported(tmp_path):
+    """Not five times a second is anything told of the month between."""
+    month_s = 30 * 24 * 3600
+    path = beats(tmp_path / "x.tlog", *range(10), *range(month_s, month_s + 10))
+    log = Telemetry.of_log(path)
+    times = [(entry.t_ns - START_NS) / S for entry in log.entries("/autopilot/status")]
+    assert len(times) < 120
+    assert [t_s for t_s in times if 9 < t_s < month_s] == []
+    with pytest.raises(TimeJumpError, match=r"x\.tlog: no message for 720\.0 h between .*: a clock was set"):
+        Recordings([path], ["/autopilot/status"])
+    assert export([path], tmp_path / "x.mcap").messages == 20 + len(times)
+
+
+def test_an_hour_without_a_message_is_a_vehicle_that_is_silent(tmp_path):
+    path = beats(tmp_path / "x.tlog", *range(10), 3600)
+    with Recordings([path], ["/autopilot/status"]) as recordings:
+        assert recordings.count > 5 * 3590
+
+
 def test_components_of_the_vehicle_are_heard_for_what_the_autopilot_does_not_send(tmp_path):
     """A range finder is component 194; its heartbeat is not the vehicle's, and another system's range neither."""
     senders = {number: mavlink.MAVLink(None, *number) for number in ((1, 1), (1, 194), (7, 194))}
@@ -273,6 +302,27 @@ def test_components_of_the_vehicle_are_heard_for_what_the_autopilot_does_not_sen
     counts = {topic.name: topic.messages for topic in log.topics}
     assert (counts["/mavlink/HEARTBEAT"], counts["/mavlink/DISTANCE_SENSOR"]) == (50, 50)
     assert {log.message(entry).current_distance for entry in log.entries("/mavlink/DISTANCE_SENSOR")} == {1}
+
+
+@pytest.mark.parametrize(
+    "ways, topics",
+    [
+        ((25, 0), {"/mavlink/DISTANCE_SENSOR": {25}, "/mavlink/DISTANCE_SENSOR_0": {0}}),
+        ((0,), {"/mavlink/DISTANCE_SENSOR": {0}}),
+        ((25, 25), {"/mavlink/DISTANCE_SENSOR": {25}}),
+    ],
+)
+def test_the_range_is_that_of_the_range_finder_that_looks_down(tmp_path, ways, topics):
+    sender, frames = mavlink.MAVLink(None, 1, 1), []
+    for step in range(10):
+        said = [mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 0, 0, 3, 3)]
+        said += [mavlink.MAVLink_distance_sensor_message(step, 10, 4000, 100 + way, 0, 0, way, 0) for way in ways]
+        frames += [(START_NS // 1000 + step * 100_000, message.pack(sender)) for message in said]
+    path = tmp_path / "range.tlog"
+    path.write_bytes(b"".join(struct.pack(">Q", t_us) + frame for t_us, frame in frames))
+    log = Telemetry.of_log(path)
+    names = [topic.name for topic in log.topics if "DISTANCE_SENSOR" in topic.name]
+    assert {name: {log.message(entry).orientation for entry in log.entries(name)} for name in names} == topics
 
 
 def test_mavlink_in_a_bag_says_the_same_as_the_log(tmp_path):

@@ -168,6 +168,17 @@ def test_in_guided_it_climbs_when_it_is_told_to_from_the_ground_only():
     assert vehicle.command(ARM, 0) == [FAILED]
 
 
+def test_by_force_it_disarms_in_the_air_and_falls():
+    vehicle = bench()
+    mode(vehicle, GUIDED)
+    vehicle.command(ARM, 1)
+    vehicle.command(TAKE_OFF, 0, 0, 0, 0, 0, 0, 3.0)
+    vehicle.until(lambda: vehicle.craft.height_m > 2.9)
+    assert vehicle.command(ARM, 0, 21196) == [OK]
+    assert not vehicle.craft.armed
+    assert vehicle.advance(1.0).craft.height_m == 0.0
+
+
 def test_a_set_point_during_its_takeoff_ends_the_takeoff():
     vehicle = bench()
     mode(vehicle, GUIDED)

@@ -104,7 +104,7 @@ def test_what_may_be_restarted_is_and_comes_back():
     driver = watched("component: lrf, fault: killed, restart_takes_s: 3, at_s: 20")
     driver.go_on(20.0)
     assert codes(driver, "lrf") == [NOMINAL, (Code.HOLD, Restart.TRYING), NOMINAL]
-    assert [text for _, text in driver.world.history] == ["fault begins: lrf killed", "fault ends: lrf killed"]
+    assert [text for _, text, _ in driver.world.history] == ["fault begins: lrf killed", "fault ends: lrf killed"]
 
 
 def test_restarts_that_fail_are_given_up_and_the_code_gets_worse():

@@ -172,6 +172,15 @@ class Bench:
             answered = len(self.heard)
 
 
+def set_point(bench, north=0.0, east=0.0, down=-2.0):
+    """Send a set-point of a position."""
+    bench.tell(
+        mavlink.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, 1, 0b110111111000, north, east, down, 0, 0, 0, 0, 0, 0, 0, 0
+        )
+    )
+
+
 _SHOWN = {
     "HEARTBEAT": lambda m: (("mode", mode_of(m)), ("armed", bool(m.base_mode & 128)), ("status", m.system_status)),
     "EXTENDED_SYS_STATE": lambda m: (("landed", m.landed_state),),

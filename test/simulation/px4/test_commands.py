@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from px4_tools import LAND, LOITER, MISSION, NAN, OFFBOARD, POSCTL, RTL, STEP, TAKEOFF, Bench, S, mode_of
+from px4_tools import LAND, LOITER, MISSION, NAN, OFFBOARD, POSCTL, RTL, STEP, TAKEOFF, Bench, S, mode_of, set_point
 from pymavlink.dialects.v20 import common as mavlink
+
+from amaze_autonomy.engine.events import VehicleLanded
 
 INTERVAL, FAILED = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_RESULT_FAILED
 OK, LATER, DENIED, UNSUPPORTED = (
@@ -13,14 +15,6 @@ OK, LATER, DENIED, UNSUPPORTED = (
     mavlink.MAV_RESULT_DENIED,
     mavlink.MAV_RESULT_UNSUPPORTED,
 )
-
-
-def set_point(bench, north=0.0, east=0.0, down=-2.0):
-    bench.tell(
-        mavlink.MAVLink_set_position_target_local_ned_message(
-            0, 1, 1, 1, 0b110111111000, north, east, down, 0, 0, 0, 0, 0, 0, 0, 0
-        )
-    )
 
 
 def test_a_takeoff_ends_in_hold_at_its_height():
@@ -125,6 +119,17 @@ def test_it_does_not_disarm_in_the_air_and_does_on_the_ground():
     bench.arm()
     assert bench.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == [OK]
     assert not bench.craft.armed
+
+
+def test_by_force_it_disarms_in_the_air_and_falls():
+    bench = Bench().take_off(8.0)
+    assert bench.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196) == [OK]
+    assert not bench.craft.armed
+    assert bench.craft.landed == VehicleLanded.IN_AIR
+    heights = [bench.advance(0.5).craft.height_m for _ in range(4)]
+    assert heights == sorted(heights, reverse=True)
+    assert (heights[-1], bench.craft.landed) == (0.0, VehicleLanded.ON_GROUND)
+    assert bench.advance(1.0).arm() == [OK]
 
 
 def test_a_vehicle_that_is_not_ready_refuses_to_arm_and_says_why():

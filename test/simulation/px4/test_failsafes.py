@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from px4_tools import LOITER, Bench, S, mode_of
+from px4_tools import LOITER, Bench, S, mode_of, set_point
 from pymavlink.dialects.v20 import common as mavlink
 
 
@@ -126,6 +126,22 @@ def test_without_a_transmitter_rc_is_enabled_and_unhealthy_all_the_time():
         )
         assert tuple(bool(each & rc) for each in bits) == expected
         assert bool(bench.of("RC_CHANNELS")) == transmitter
+
+
+@pytest.mark.parametrize("mode, bit", [("AUTO.MISSION", 1), ("AUTO.LOITER", 2), ("OFFBOARD", 4)])
+@pytest.mark.parametrize("exceptions", [0, 1, 2, 4, 7])
+def test_a_transmitter_that_is_lost_in_flight_returns_unless_the_parameter_excepts_the_mode(mode, bit, exceptions):
+    bench = Bench().take_off().advance(1.0)
+    bench.px4.parameters["COM_RCL_EXCEPT"] = exceptions
+    assert bench.upload(bench.items((50.0, 0.0, 2.0, 0.0))) == 0
+    bench.craft.command_mode(mode)
+    for step in range(80):
+        if step == 10:
+            bench.craft.flags.not_ready["rc"] = "no transmitter"
+        set_point(bench, north=3.0)
+        bench.advance(0.1)
+    assert bench.craft.mode == (mode if exceptions & bit else "AUTO.RTL")
+    assert ("Manual control lost\t" in bench.texts()) is not bool(exceptions & bit)
 
 
 @pytest.mark.parametrize("sensor", ["gps", "imu", "magnetometer", "barometer"])

@@ -110,6 +110,28 @@ def test_what_it_does_is_what_scenarios_wait_for(flown):
     assert (flown.vehicle.reached, flown.vehicle.landed) == (1, VehicleLanded.ON_GROUND)
 
 
+ITEMS = {
+    mavlink.MAV_AUTOPILOT_PX4: ((0, 1, 2, 2), 3),  # takeoff, two waypoints, the landing
+    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: ((1, 2, 3, 3, 4, 5), 6),  # takeoff, a turn and a waypoint, twice, the landing
+}
+
+
+@pytest.mark.parametrize("make", ITEMS)
+def test_of_the_items_of_a_mission_only_its_waypoints_count(flown, make):
+    beat = heartbeat(armed=True)
+    beat.autopilot = make
+    in_air, landing = ITEMS[make]
+    numbers = []
+    for _ in range(2):
+        flown.hear(beat, landed(IN_AIR), truth(2000))
+        for item in in_air:
+            flown.hear(mavlink.MAVLink_mission_item_reached_message(item))
+            numbers += [flown.vehicle.reached] * flown.vehicle.happened.count("waypoint")
+        flown.hear(landed(ON_GROUND), mavlink.MAVLink_mission_item_reached_message(landing))
+        assert "waypoint" not in flown.vehicle.happened
+    assert numbers == [1, 2, 1, 2]
+
+
 def test_its_range_finder_looks_along_its_lean(flown):
     lean = (math.cos(0.1), math.sin(0.1), 0.0, 0.0)
 

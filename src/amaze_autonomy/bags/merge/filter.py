@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import BagError
 from ..format import MEMORY
 from ..index import ChunkInfo, Index
+from ..read import check_index
 from .merge import Merged, MergeOptions, Progress, merge
 from .verify import Verified, verify
 
@@ -82,13 +83,13 @@ def selection_of(index: Index, part: Part) -> Selection:
     """Return the messages of a bag that are wanted.
 
     Raises:
-        BagError: No message of it is.
+        BagError: No message of it is, or its chunks have messages of other times than its index says.
     """
     topics = sorted({each.topic for each in index.connections.values()})
     for pattern in (*part.topics, *part.without):
         if not any(fnmatchcase(topic, pattern) for topic in topics):
             raise BagError(str(index.path), f"has no topic {pattern}", f"it has {', '.join(topics)}")
-    found = index.messages()
+    found = check_index(index)
     first_ns = int(found.t_ns.min()) if part.relative and len(found.t_ns) else 0
     begin_ns = first_ns + part.begin_ns
     end_ns = _ALWAYS_NS if part.end_ns is None else first_ns + part.end_ns

@@ -108,15 +108,23 @@ def merge_manifest(merged: Merged, inputs: Sequence[Path], options: MergeOptions
     }
 
 
-def verified_manifest(manifest: Optional[Dict[str, Any]], verified: Verified) -> Dict[str, Any]:
-    """Return a manifest with checksums of files and messages, and the verdict."""
+def verified_manifest(
+    manifest: Optional[Dict[str, Any]], verified: Verified, offsets_ns: Sequence[int]
+) -> Dict[str, Any]:
+    """Return a manifest with checksums of files and messages, and the verdict.
+
+    Args:
+        manifest: of the bag; None when it has none yet.
+        verified: what was found.
+        offsets_ns: with which that was, of each input; empty for none.
+    """
     folder = verified.output.path.parent
     new = dict(manifest or {"manifest": 1, "warnings": [], "duplicates": None})
     known = {entry["file"]: entry for entry in new.get("inputs", [])}
     new["output"] = {**new.get("output", {}), **_counted(verified.output, folder)}
     new["inputs"] = [
-        {**known.get(_relative(each.path, folder), {"offset_ns": 0}), **_counted(each, folder)}
-        for each in verified.inputs
+        {**known.get(_relative(each.path, folder), {}), "offset_ns": offset, **_counted(each, folder)}
+        for each, offset in zip(verified.inputs, offsets_ns or (0,) * len(verified.inputs))
     ]
     new["versions"] = _versions()
     new["verified"] = {
@@ -125,6 +133,23 @@ def verified_manifest(manifest: Optional[Dict[str, Any]], verified: Verified) ->
         "readers": {each.reader: each.error or "agrees" for each in verified.readings},
     }
     return new
+
+
+def applied_offsets(manifest: Dict[str, Any], inputs: Sequence[Path], folder: Path) -> Tuple[int, ...]:
+    """Return what a merge added to the times of inputs, in whatever order these are named.
+
+    Args:
+        manifest: of the merged bag.
+        inputs: paths; those of other files than it names, as of moved ones, are told apart by their places.
+        folder: of the bag.
+    """
+    entries = manifest["inputs"]
+    named: Dict[str, List[int]] = {}
+    for entry in entries:
+        named.setdefault(entry["file"], []).append(entry["offset_ns"])
+    by_place = [entry["offset_ns"] for entry in entries] if len(entries) == len(inputs) else [0] * len(inputs)
+    known = [named.get(_relative(path, folder)) for path in inputs]
+    return tuple(each.pop(0) if each else offset for each, offset in zip(known, by_place))
 
 
 def declared_duplicates(manifest: Dict[str, Any]) -> Dict[TopicKey, Tally]:

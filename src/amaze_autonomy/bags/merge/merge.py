@@ -21,8 +21,8 @@ from amaze_autonomy.units import SECOND
 
 from ..errors import BagError
 from ..format import MEMORY, Connection, Identity
-from ..index import ChunkHead, Index
-from ..read import GROUP_BYTES, Block, Loader, Pool, Table, relabel
+from ..index import ChunkHead, ChunkInfo, Index
+from ..read import GROUP_BYTES, Block, Loader, Pool, Table, check_times, relabel
 from ..write import Output
 from .manifest import Tally
 from .writer import Writing
@@ -52,7 +52,11 @@ class Unified(NamedTuple):
 
 
 def unify(inputs: Sequence[Index], origins: Sequence[int], *, publishers_apart: bool) -> Unified:
-    """Give the same number to connections that are the same; keep the numbers of the first input."""
+    """Give the same number to connections that are the same; keep the numbers of the first input.
+
+    What is kept of them is the first description that defines the type: md5s that are the same cover all of it but
+    comments and spaces, but some writers leave the text away, and without it nobody can read a message.
+    """
     numbers: Dict[Identity, int] = {}
     connections: Dict[int, Connection] = {}
     targets = []
@@ -65,6 +69,8 @@ def unify(inputs: Sequence[Index], origins: Sequence[int], *, publishers_apart: 
             if identity not in numbers:
                 numbers[identity] = number if number not in connections else free
                 free = max(free, numbers[identity] + 1)
+                connections[numbers[identity]] = connection._replace(number=numbers[identity])
+            elif not connections[numbers[identity]].definition and connection.definition:
                 connections[numbers[identity]] = connection._replace(number=numbers[identity])
             target[number] = numbers[identity]
             sources.setdefault(numbers[identity], set()).add(origin)
@@ -218,7 +224,7 @@ class Source:
         """Return the messages of chunks.
 
         Raises:
-            BagError: A chunk is damaged.
+            BagError: A chunk is damaged, or has messages of other times than the bag's index says.
         """
         blocks: List[Block] = []
         for kind, run in groupby(numbers, key=self._kind):
@@ -234,9 +240,12 @@ class Source:
         if self._chunk_copies and kind == "chunk_copy":
             block = self._chunk_copies.load(numbers, pool)
             if block is not None:
+                check_times(self.index, numbers, block.table.t_ns - self._shift_ns)
                 return [block]
         load = self._loader.plain if kind == "plain" else self._loader.compressed
-        return [self._relabelled(load(numbers, pool))]
+        block = load(numbers, pool)
+        check_times(self.index, numbers, block.table.t_ns)
+        return [self._relabelled(block)]
 
     def _relabelled(self, block: Block) -> Block:
         connection = self._target[block.table.connection]
@@ -377,28 +386,52 @@ def _check(indexes: Sequence[Index], offsets: Sequence[int], output: Path) -> No
 
 def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified, options: MergeOptions) -> List[Source]:
     isolated = _isolated(indexes, offsets)
-    watched = [] if options.duplicates == "ignore" else list(unified.comparable)
+    times = _input_times(indexes, offsets, options)
+    compared = [] if options.duplicates == "ignore" else list(unified.comparable)
     sources = []
     for number, (index, offset) in enumerate(zip(indexes, offsets)):
         target = unified.targets[number]
+        watched: Any = np.isin(target, compared)
         verbatim = {
             each
             for each in isolated[number]
             if offset == 0
+            and not (_is_beside(index.chunks[each], times, number) and _has(index.chunks[each], watched))
             and all(target[connection] == connection for connection, _ in index.chunks[each].counts)
             and index.head(each).compression in _kept(options.compression)
             and _in_order(index, each)
             and (options.selection is None or options.selection.holds(index.chunks[each]))
         }
-        unwatched: Any = np.isin(target, watched, invert=True)
-        unseen = unwatched & (options.compression in ("auto", "none"))
+        unseen = ~watched & (options.compression in ("auto", "none"))
         chunk_copies = None
         if options.compression in ("auto", "lz4") and _has_lz4(index):
             from .lz4_chunk_copy import ChunkCopies  # noqa: PLC0415  (a circle, and seldom wanted)
 
-            chunk_copies = ChunkCopies(index, number, target, offset, unwatched)
+            chunk_copies = ChunkCopies(index, number, target, offset, ~watched)
         sources.append(Source(index, number, target, offset, verbatim, unseen, chunk_copies, options.selection))
     return sources
+
+
+def _input_times(indexes: Sequence[Index], offsets: Sequence[int], options: MergeOptions) -> List[Tuple[int, int, int]]:
+    """Return origin of each input, and the times between which others may have its messages."""
+    found = []
+    for index, offset, origin in zip(indexes, offsets, options.origins_of(len(indexes))):
+        filled = [chunk for chunk in index.chunks if chunk.counts]
+        first = min((chunk.start_ns for chunk in filled), default=_LATEST_NS) + offset - options.window_ns
+        last = max((chunk.end_ns for chunk in filled), default=-_LATEST_NS) + offset + options.window_ns
+        found.append((origin, first, last))
+    return found
+
+
+def _is_beside(chunk: ChunkInfo, times: Sequence[Tuple[int, int, int]], number: int) -> bool:
+    """Return whether inputs of other origins than that of this number may have messages of a chunk, by its times."""
+    own = times[number][0]
+    return any(origin != own and first <= chunk.end_ns and chunk.start_ns <= last for origin, first, last in times)
+
+
+def _has(chunk: ChunkInfo, watched: Any) -> bool:
+    """Return whether a chunk has messages of some connections."""
+    return any(watched[connection] for connection, _ in chunk.counts)
 
 
 def _kept(compression: str) -> Tuple[str, ...]:
@@ -411,8 +444,13 @@ def _has_lz4(index: Index) -> bool:
 
 
 def _in_order(index: Index, number: int) -> bool:
-    """Return whether the messages of a chunk lie in it in order of time."""
+    """Return whether the messages of a chunk lie in it in order of time.
+
+    Raises:
+        BagError: They are not of the time that the bag's index says.
+    """
     t_ns, _, offset = index.entries(number)
+    check_times(index, [number], t_ns)
     return bool((np.diff(t_ns[np.argsort(offset)]) >= 0).all())
 
 

@@ -7,6 +7,7 @@ asked in a process of its own, so that none can do harm and none is imported her
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -201,10 +202,11 @@ def read_with(path: Path, *, every_message: bool) -> List[Reading]:
         every_message: whether each message is to be read, or the index alone.
     """
     readings = []
-    for reader, script in (("rosbags", _ROSBAGS), ("rosbag", _ROSBAG)):
-        python = _python_with(reader)
+    for reader, module, script in (("rosbags", "rosbags.rosbag1", _ROSBAGS), ("rosbag", "rosbag", _ROSBAG)):
+        python = _python_with(module)
         if python:
-            readings.append(_asked(reader, [python, "-c", script, str(path), "read" if every_message else "open"]))
+            how = "read" if every_message else "open"
+            readings.append(_asked(reader, [python, "-c", script, str(path.resolve()), how]))
     if every_message and _librosbag():
         readings.append(_copied_by_librosbag(path))
     return readings
@@ -232,17 +234,19 @@ def _difference(one: Dict[str, int], other: Dict[str, int]) -> str:
 
 
 def _python_with(module: str) -> Optional[str]:
-    """Return an interpreter that has a module: this one, else the system's."""
+    """Return an interpreter that has a module, and not only a folder of that name: this one, else the system's."""
+    script = f"import importlib.util as u; s = u.find_spec({module!r}); raise SystemExit(s is None or s.origin is None)"
     for python in (sys.executable, "/usr/bin/python3"):
-        command = [python, "-c", f"import importlib.util as u; raise SystemExit(u.find_spec({module!r}) is None)"]
-        if shutil.which(python) and subprocess.run(command, capture_output=True, check=False).returncode == 0:
+        command = [python, "-c", script]
+        if shutil.which(python) and subprocess.run(command, capture_output=True, check=False, cwd="/").returncode == 0:
             return python
     return None
 
 
 def _asked(reader: str, command: List[str]) -> Reading:
+    """Return what an interpreter says, which imports from its working folder before all others."""
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False, cwd="/")
     except subprocess.TimeoutExpired:
         return Reading(reader, {}, {}, f"no answer within {_LIMIT_S} s")
     if done.returncode:
@@ -265,7 +269,8 @@ def _librosbag() -> Optional[Path]:
 
 
 def _copied_by_librosbag(path: Path) -> Reading:
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".librosbag-") as folder:
+    beside = path.parent if os.access(path.parent, os.W_OK) else None  # on a read-only medium it cannot be
+    with tempfile.TemporaryDirectory(dir=beside, prefix=".librosbag-") as folder:
         copy = Path(folder) / "copy.bag"
         command = [str(_librosbag()), "-q", "-p", "rosbag/NoEncryptor", str(path), "-o", str(copy)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False)

@@ -189,7 +189,8 @@ def recover_in_place(
     found = scan(path, check_data=check_data, memory=memory, progress=progress)
     kept = beginning(found)
     if found.closed and not found.damages and len(kept) == len(found.chunks):
-        return Recovered(path, found.size, found)
+        _rename(path, final)  # of a recorder that was killed between the two
+        return Recovered(final, found.size, found)
     place = kept[-1].end if kept else FIRST_RECORD
     if found.size < FIRST_RECORD or found.size - place > _MOST:
         raise BagError(str(path), f"more than its end is damaged, from byte {place} on", _COPY)
@@ -246,10 +247,14 @@ def _change(path: Path, final: Path, found: Scan, place: int) -> int:
         raise BagError(str(path), f"cannot be written ({error.strerror})", "make space, nothing was changed") from error
     finally:
         os.close(file)
+    _rename(path, final)
+    return place + len(end)
+
+
+def _rename(path: Path, final: Path) -> None:
     if path != final:
         path.rename(final)
         sync_folder(final.parent)
-    return place + len(end)
 
 
 def _put(file: int, place: int, data: bytes) -> None:

@@ -40,7 +40,7 @@ from ..format import (
     record_at,
     unpacked,
 )
-from ..index import LOST_RETURNS, ChunkHead, Entries, chunk_head, has_lost_returns, read_head
+from ..index import LARGEST_NUMBER, LOST_RETURNS, ChunkHead, Entries, Index, chunk_head, has_lost_returns, read_head
 from .salvage import Kept, headers, rewritten, salvaged
 
 _READ = 1 << 14
@@ -212,6 +212,9 @@ class _Scanner:
         self._damages: List[Damage] = []
         self._connections: Dict[int, Connection] = {}
         self._settled: Set[int] = set()  # connections of which nothing better is to be expected
+        self._learnt: Set[int] = set()  # connections that chunks describe
+        self._indexed: Dict[int, Connection] = {}  # connections as the bag's index has them
+        self._doubtful: Set[int] = set()  # numbers that are those of several connections there
         self._chunks: List[Found] = []
         self._before: FrozenSet[Tuple[int, int]] = frozenset()  # times and connections of the last damaged chunk
         self._visited: Set[int] = set()  # positions of chunks
@@ -275,13 +278,24 @@ class _Scanner:
         """Take what a record of the index says."""
         data = self._reader.data_of(record.data, record.size)
         if record.op == CONNECTION:
-            self._meet(connection_of(record, data))
+            self._note_connection(connection_of(record, data), record.data)
             return
         counts = {number: count for number, count in struct.iter_unpack("<2L", data[: len(data) & ~7]) if count}
         if self._index_at:
             self._told[record.number(b"chunk_pos")] = counts
         else:  # bytes are missing before it, or its places are otherwise not those of this file
             self._told_late[record.number(b"chunk_pos")] = sum(counts.values())
+
+    def _note_connection(self, connection: Connection, position: int) -> None:
+        """Take a connection of the index; where two have one number, what chunks say of it counts."""
+        number = connection.number
+        if self._indexed.setdefault(number, connection) != connection:
+            self._doubtful.add(number)
+            if number not in self._learnt:
+                self._connections.pop(number, None)
+                self._settled.discard(number)
+        elif number not in self._doubtful:
+            self._meet(connection, position)
 
     def run(self, progress: Progress) -> None:
         """Look through the file."""
@@ -307,6 +321,8 @@ class _Scanner:
         chunks = [self._described(each) for each in self._chunks]
         self._damages += [each for each in map(self._undescribed, chunks) if each]
         self._damages += self._not_found()
+        if closed and not self._damages:
+            self._ask_index()
         damages = self._balanced() if closed else self._damages
         reader = self._reader
         return Scan(
@@ -319,6 +335,16 @@ class _Scanner:
             reader.bytes_read,
             self._check_data,
         )
+
+    def _ask_index(self) -> None:
+        """See whether those can use the bag who go by its index alone: what they refuse is never called good."""
+        from ..read import check_index  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
+
+        try:
+            with Index(self._reader.path, self._memory) as index:
+                check_index(index)
+        except BagError as error:
+            self._damage(self._index_at, self._size, error.wrong, 0)
 
     def _not_found(self) -> List[Damage]:
         """Return chunks that the bag's index names, that were not come to, and that no damage accounts for."""
@@ -421,6 +447,10 @@ class _Scanner:
             position = data + size
         if parts and not trusted and position < self._size and self._has_swallowed(parts[-1][1], chunk):
             position -= len(parts.pop()[1])  # with what is not its own; its header is passed over
+        filled = [number for number, part in parts if part]
+        if len(set(filled)) < len(filled):  # which nobody expects
+            self._damage(chunk, position, "a chunk has several index records of one connection", 0)
+            foreign = True
         entries = Entries(tuple(parts), position, trusted, foreign)
         if told is not None and dict(entries.counts()) != told:
             entries = entries._replace(trusted=False)
@@ -475,7 +505,7 @@ class _Scanner:
         except RecordError as error:
             self._keep_broken(position, head, entries, error)
             return
-        wrong: Optional[Exception] = self._contradiction(entries, data)
+        wrong: Optional[Exception] = self._contradiction(position, entries, data)
         if not known:
             wrong = RecordError("its header does not say how it is compressed")
         if wrong is None:
@@ -525,11 +555,11 @@ class _Scanner:
         lost = max(said, default=0) - len(kept.rows)
         return lost if lost > 0 or (lost == 0 and said and min(said) == max(said)) else None
 
-    def _contradiction(self, entries: Entries, data: Any) -> Optional[Exception]:
-        """Return what is wrong where a chunk's data is not what its index says; learn its connections."""
+    def _contradiction(self, position: int, entries: Entries, data: Any) -> Optional[Exception]:
+        """Return what is wrong where the data of the chunk at a place is not what its index says; learn connections."""
         if not self._all_known(entries):
             kept = salvaged(data, list(entries.rows()))
-            self._learn(kept)
+            self._learn(kept, position)
             self._settled.update(number for number, _ in entries.counts())
             if not kept.gaps and sorted(kept.rows) == sorted(entries.rows()):
                 return None
@@ -545,12 +575,22 @@ class _Scanner:
         """Return whether there is nothing to be learnt; a chunk without messages may be there for its connections."""
         return entries.messages > 0 and all(number in self._settled for number, _ in entries.counts())
 
-    def _learn(self, kept: Kept) -> None:
+    def _learn(self, kept: Kept, position: int) -> None:
         for each in kept.connections.values():
-            self._meet(each)
+            self._learnt.add(each.number)
+            self._meet(each, position)
 
-    def _meet(self, connection: Connection) -> None:
-        """Remember a connection; of its two descriptions, in a chunk and in the index, the one that looks good."""
+    def _meet(self, connection: Connection, position: int) -> None:
+        """Remember a connection; of its two descriptions, in a chunk and in the index, the one that looks good.
+
+        Args:
+            connection: as it is described.
+            position: of its record, or of the chunk with it.
+        """
+        if connection.number > LARGEST_NUMBER:  # nobody could read the bag that has it
+            damage = Damage(position, 0, f"a connection has the number {connection.number}", 0)
+            self._damages += [damage] if damage not in self._damages else []  # an index is read twice
+            return
         known = self._connections.get(connection.number)
         if known is None or (connection.plausible and not known.plausible):
             self._connections[connection.number] = connection
@@ -636,7 +676,7 @@ class _Scanner:
 
     def _add(self, position: int, end: int, index_end: int, kept: Kept, data: Any, head: ChunkHead) -> None:
         """Keep messages of a chunk that cannot stay as it is."""
-        self._learn(kept)
+        self._learn(kept, position)
         if not kept.rows:
             return
         self._before = frozenset(row[:2] for row in kept.rows)

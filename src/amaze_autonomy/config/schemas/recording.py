@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Optional, Tuple
 
-from ..kinds import Choice, Flag, ListOf, Number, Text, Whole
+from ..kinds import Choice, Flag, ListOf, Number, Pattern, Text, Whole
 from ..schema import Group, Key, Named, Row, bind, group_of
 from .sensors import COMPONENT_NAME, TOPIC_NAME
 
@@ -174,7 +174,7 @@ _TRANSFER_ROWS: Tuple[Row, ...] = (
 # fmt: on
 _NAME = Text("the name of a platform", COMPONENT_NAME)
 _TOPIC = Text('the name of a topic, e.g. "/lrf/range"; "~" stands for the autonomy node', TOPIC_NAME)
-_PATTERN = Text("a regular expression of topic names", r"[^\x00-\x1f\x7f ]*")
+_PATTERN = Pattern("a regular expression of topic names")
 _GROUP = Group(
     "a group of topics",
     (
@@ -186,7 +186,12 @@ _GROUP = Group(
             "",
             [],
         ),
-        bind(TopicGroup, "exclude", _PATTERN, "topics that it matches are not recorded, when match is used"),
+        bind(
+            TopicGroup,
+            "exclude",
+            _PATTERN,
+            "topics that it matches are not recorded, when match is used; none of topics may be among them",
+        ),
         bind(TopicGroup, "compression", Choice(("none", "lz4")), "of the chunks; left out: as storage says"),
         bind(TopicGroup, "chunk_kb", Whole(1, 65536), "size of a chunk; left out: as storage says"),
         bind(TopicGroup, "buffer_mb", Whole(0, 65536), "what rosbag may hold in memory; left out: as storage says"),

@@ -5,18 +5,21 @@ On every platform, PLATFORM being its name in recording.yaml:
     PLATFORM/data_recorder/start    StartRecording, PLATFORM/data_recorder/stop    StopRecording: answered at once
     PLATFORM/data_recorder/remove   RemovePart: removes files of its part by their sha256, where that is configured
     PLATFORM/data_recorder/clock    ExchangeClock
-    PLATFORM/data_recorder/status   RecordingStatus of this platform, 2 Hz and at once on a change
+    PLATFORM/data_recorder/status   RecordingStatus of this platform, at its rate and at once on a change
     /diagnostics                    diagnostic_msgs/DiagnosticArray, 1 Hz
 
 On the collector, for the engine:
 
     data_recorder/start, data_recorder/stop    StartRecording, StopRecording: answered at once
-    data_recorder/status                       RecordingStatus of all platforms, 2 Hz and at once on a change
+    data_recorder/status                       RecordingStatus of all platforms, at its rate and at once on a change
     autonomy/state                             AutonomyState: the end of a mission completes the copy of the journal
+
+The rate is `recorder_status_rate_hz` of autonomy.yaml.
 
 Words: `arguments.py`. Parameters: `node_main.py`, and
 
     ~platform   its name; empty: the collector
+    ~optional   without such a platform in recording.yaml it waits and does nothing (default: false)
 
 A node that was killed goes on where it was: recorders that run are kept, jobs are started again. docs/recording.md.
 """
@@ -27,7 +30,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type, Union
 
 import rospy
 
@@ -44,7 +47,6 @@ from .settings import RecorderShare, platform_name, recordings_folder
 from .statuses import RecorderTeller
 
 _TURN_S = 0.2
-_STATUS_S = 0.5
 
 
 class DataRecorderNode:
@@ -67,6 +69,7 @@ class DataRecorderNode:
         self._commands: Dict[Type[Any], Callable[[Any], None]] = dict(self._platform.commands)
         if self._collector is not None:
             self._commands.update(self._collector.commands)
+        self._status_s = 1.0 / configuration.streams.recorder_status_rate_hz
         self._ended = False
 
     def run(self) -> None:
@@ -105,7 +108,7 @@ class DataRecorderNode:
     def _tell_always(self) -> None:
         """Tell the status also while the working thread waits for a slow storage."""
         while not self._ended:
-            time.sleep(_STATUS_S)
+            time.sleep(self._status_s)
             try:
                 self._tell(force=True)
             except rospy.ROSException:
@@ -170,9 +173,38 @@ class DataRecorderNode:
         self._share.jobs.stop()
 
 
+class AbsentPlatform:
+    """Waits in the place of a recorder: the simulation starts one for a platform that a configuration may not have."""
+
+    def __init__(self) -> None:
+        self._ended = threading.Event()
+
+    def run(self) -> None:
+        """Wait until `end`: a node that ended would be started again for ever."""
+        self._ended.wait()
+
+    def end(self) -> None:
+        """End; from any thread and from signal handlers."""
+        self._ended.set()
+
+
+def make_recorder(configuration: Configuration, clock: Clock) -> Union[DataRecorderNode, AbsentPlatform]:
+    """Return the recorder of ~platform; what waits, where ~optional is set and recording.yaml has no such platform.
+
+    Raises:
+        StartError: There is no such platform, or its folder cannot be made.
+    """
+    name = str(rospy.get_param("~platform", ""))
+    known = [each.name for each in configuration.recording.platforms]
+    if rospy.get_param("~optional", False) and name and name not in known:
+        rospy.loginfo("recording.yaml has no platform %s: nothing is recorded here", name)
+        return AbsentPlatform()
+    return DataRecorderNode(configuration, clock)
+
+
 def main() -> int:
     """Run the node; return its exit status."""
-    return run_node("data_recorder", DataRecorderNode)
+    return run_node("data_recorder", make_recorder)
 
 
 # --- recorder memory --------------------------------------------------------------------------------------------------

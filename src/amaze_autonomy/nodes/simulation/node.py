@@ -47,7 +47,7 @@ from amaze_autonomy.simulation.px4 import Px4
 from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
 from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.scenario_file import load_scenario
-from amaze_autonomy.simulation.vehicle.external import WANTED, ExternalVehicle, Observer, as_external
+from amaze_autonomy.simulation.vehicle.external import OF_DATA, WANTED, ExternalVehicle, Observer, as_external
 from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 
 from ...autopilot.link.dialect import mavlink
@@ -291,14 +291,14 @@ def _make(stopped: threading.Event) -> SimulationNode:
 
 
 def _tell_without_effect(scenario: Optional[Scenario], real: Tuple[str, ...]) -> None:
-    """Say which faults do nothing, because a real node has the service."""
+    """Say which faults do nothing, because a real node has the service, or records."""
     for fault in scenario.faults if scenario is not None else ():
-        if fault.kind.subject == Subject.SERVICE and peer_of(fault.target) in real:
-            rospy.logwarn(
-                "the fault %s does nothing: %s is a real node; start with flight:=simulated or monitors:=simulated",
-                fault,
-                peer_of(fault.target),
-            )
+        peer = peer_of(fault.target) if fault.kind.subject == Subject.SERVICE else ""
+        if fault.kind.subject == Subject.WORLD and fault.kind.name in OF_DATA:
+            peer = "data_recorder"
+        if peer in real:
+            start = "recorder:=" if peer == "data_recorder" else "flight:=simulated or monitors:="
+            rospy.logwarn("the fault %s does nothing: %s is a real node; start with %ssimulated", fault, peer, start)
 
 
 def _flown(
@@ -308,6 +308,9 @@ def _flown(
     name = str(rospy.get_param("~vehicle", "px4"))
     if name not in AUTOPILOTS:
         raise StartError(f"~vehicle: is {name!r}; must be one of {', '.join((*AUTOPILOTS, _EXTERNAL))}")
+    if configuration.autopilot.backend == "mavros":  # the nodes would command whatever vehicle is behind it
+        problem = "autopilot.yaml: backend is mavros, and the simulated vehicle is reached over MAVLink alone"
+        raise StartError(f"{problem}; start with flight:=simulated, or override autopilot.backend=mavlink")
     unix_ns, kind = time.time_ns() - _HISTORY_NS, AUTOPILOTS[name]
     world, px4 = fly_world(
         configuration, None, scenario, seed=seed, start_ns=start_ns, unix_ns=unix_ns, live=True, kind=kind

@@ -62,11 +62,10 @@ class Story:
             UserRequest(t_ns=t_ns, command=command, request_id=900_000 + number)
             for number, (t_ns, command) in enumerate(self._requests)
         ]
-        for number, each in enumerate(self._acting):
+        for each in self._acting:
             if each.fault.kind.subject != Subject.PROCESS:
                 continue
             if each.fault.kind.name == "interrupted":
-                self.touched[number] += 1
                 found.append(Shutdown(t_ns=each.begin_ns))
             elif each.fault.kind.name == "restarted" and each.end_ns is not None:
                 kept = each.fault.word("journal") == "kept"
@@ -81,7 +80,9 @@ class Story:
         return number is not None
 
     def heard(self, event: Event) -> Optional[Event]:
-        """Return a status as it comes; None: its peer is silent."""
+        """Return what the engine hears as it comes; None: its peer is silent."""
+        if isinstance(event, Shutdown):
+            self._count_interrupted(event.t_ns)
         peer = _SPEAKERS.get(type(event))
         if peer is None or not self._acting:
             return event
@@ -92,7 +93,10 @@ class Story:
         return self._recorded(event) if isinstance(event, RecordingStatus) else event
 
     def answer(self, t_ns: int, command: Request) -> Tuple[bool, int, Optional[Event]]:
-        """Return whether a fault answers in a service's place, after how long, and what; a delay may come alone."""
+        """Return whether a fault acts in a service's place, after how long it answers, and what comes instead.
+
+        A delay may come alone. A slow service does what it is asked; beyond the limit its answer is not heard any more.
+        """
         service = service_of(command)
         name = "" if service is None else service.name
         spoilt = self._find(Subject.SERVICE, (*SPOILT, "vanishes"), t_ns, name)
@@ -105,8 +109,13 @@ class Story:
         self.touched[slow] += 1
         delay_ns = round(self._acting[slow].fault.number("delay_s") * _S)
         if delay_ns >= command.limit_ns:
-            return True, command.limit_ns, reply(command, Outcome.TIMED_OUT)
+            return False, command.limit_ns, reply(command, Outcome.TIMED_OUT)
         return False, delay_ns, None
+
+    def _count_interrupted(self, t_ns: int) -> None:
+        for number, each in enumerate(self._acting):
+            if each.fault.kind.name == "interrupted" and each.begin_ns == t_ns:
+                self.touched[number] += 1
 
     @staticmethod
     def _spoilt(fault: Fault, command: Request) -> Tuple[int, Event]:

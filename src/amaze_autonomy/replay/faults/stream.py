@@ -10,7 +10,7 @@ import copy
 import re
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
-from numbers import Integral, Real
+from numbers import Integral, Number, Real
 from random import Random
 from typing import Any, Callable, Collection, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
 
@@ -231,7 +231,7 @@ def changed(message: Any, path: str, change: Callable[[Any], Any]) -> Any:
     """
     old = getter(path)(message)  # says which field is not there
     new = change(old)
-    if isinstance(new, (int, float, str)) and new == old:
+    if isinstance(new, (Number, np.generic, str)) and new == old:  # numpy's float32 is no number of Python's
         return message
     steps: List[Union[str, int]] = [int(s[1:-1]) if s[0] == "[" else s for s in _STEP.findall(path)]
     return _changed(message, steps, lambda _: new, path)
@@ -337,11 +337,18 @@ def _garbage(acting: Acting, times: Sequence[int], _: Random, __: _Read) -> List
             return not value
         if hasattr(value, "__len__"):
             return value[:0]
-        if isinstance(value, (int, float)):
-            return type(value)(_SILLY)
+        if isinstance(value, (Number, np.generic)):
+            return _held(value, _SILLY)
         raise EditError(path, "garbage", f"is no value but {kind_of(value)}; name one of its fields")
 
     return [lambda message: changed(message, path, silly)] * len(times)
+
+
+def _held(value: Any, wanted: int) -> Any:
+    """Return a number as the type of a value, or the largest of it: a byte of an array holds no 8191."""
+    if isinstance(value, np.integer):
+        wanted = min(wanted, int(np.iinfo(value.dtype).max))
+    return type(value)(wanted)
 
 
 def _swapped(acting: Acting, times: Sequence[int], _: Random, __: _Read) -> List[Edit]:

@@ -12,8 +12,8 @@ from typing import Any, Collection, Dict, Mapping, Optional, Tuple
 
 from amaze_autonomy import interface
 from amaze_autonomy.config import ConfigError, Place
-from amaze_autonomy.config.document import read
-from amaze_autonomy.config.kinds import Choice, Flag, ListOf, Number, Places, Text, Whole
+from amaze_autonomy.config.document import Entry, Scalar, read
+from amaze_autonomy.config.kinds import Address, Choice, Flag, ListOf, Number, Places, Text, Whole
 from amaze_autonomy.config.schema import REQUIRED, Group, Key, Named, bind, field_value, key_name, make
 from amaze_autonomy.monitoring.specs import (
     GROUPS,
@@ -146,6 +146,18 @@ def _optional(group: Group, *left_out: str) -> Group:
     return Group(group.said, tuple(replace(key, default=None) for key in group.keys if key.name not in left_out))
 
 
+@dataclass(frozen=True)
+class _Value(Text):
+    """A value of a field: a text, a number, true or false."""
+
+    def read(self, entry: Entry, address: Address, places: Places) -> str:
+        """Return the value as text."""
+        if not isinstance(entry, Scalar) or entry.tag != "bool":
+            return super().read(entry, address, places)
+        places[address] = entry.place
+        return str(entry.text.lower() in ("true", "yes", "on"))
+
+
 _TIME = Number(above=0.0, maximum=600.0)
 _SMALL = Number(above=0.0, below=1.0)
 _TOPIC = Key("topic", Text('the name of a topic, e.g. "/imu/data"', TOPIC_NAME), "topic that carries it")
@@ -244,12 +256,12 @@ _READINGS = Group(
             _field("landed", "data"),
             Key(
                 "on_ground",
-                ListOf(Text("a value", numbers=True), "values that mean on the ground", 1),
+                ListOf(_Value("a value", numbers=True), "values that mean on the ground", 1),
                 "values that mean on the ground",
             ),
             Key(
                 "unknown",
-                ListOf(Text("a value", numbers=True), "values that say nothing", 0),
+                ListOf(_Value("a value", numbers=True), "values that say nothing", 0),
                 "values that say nothing",
                 "",
                 [],
@@ -273,7 +285,7 @@ _READINGS = Group(
             _field("failsafe", "failsafe"),
             Key(
                 "on",
-                ListOf(Text("a value", numbers=True), "values that mean that it does", 1),
+                ListOf(_Value("a value", numbers=True), "values that mean that it does", 1),
                 "values that mean that it does",
                 "",
                 ["True", "1"],

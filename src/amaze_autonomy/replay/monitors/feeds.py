@@ -6,7 +6,7 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite, nan
-from typing import Any, Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Container, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -188,11 +188,13 @@ def _height(reading: Reading) -> Callable[[Any], Optional[float]]:
 
 
 def _landed(reading: Reading) -> Callable[[Any], VehicleLanded]:
+    unknown, on_ground = map(_meanings, (reading.unknown, reading.on_ground))
+
     def read(value: Any) -> VehicleLanded:
-        word = _word(value)
-        if word in reading.unknown:
+        meaning = _meaning(value)
+        if meaning in unknown:
             return VehicleLanded.UNKNOWN
-        return VehicleLanded.ON_GROUND if word in reading.on_ground else VehicleLanded.IN_AIR
+        return VehicleLanded.ON_GROUND if meaning in on_ground else VehicleLanded.IN_AIR
 
     return read
 
@@ -206,11 +208,22 @@ def _mode(reading: Reading) -> Callable[[Any], str]:
 
 
 def _failsafe(reading: Reading) -> Callable[[Any], bool]:
-    return lambda value: _word(value) in reading.on
+    on = _meanings(reading.on)
+    return lambda value: _meaning(value) in on
 
 
 def _armed(_: Reading) -> Callable[[Any], bool]:
     return bool
+
+
+def _meanings(words: Tuple[str, ...]) -> FrozenSet[str]:
+    return frozenset(map(_meaning, words))
+
+
+def _meaning(value: Any) -> str:
+    """Return a value as words of a map are compared with it: true, True and 1 mean the same, as false and 0."""
+    word = _word(value)
+    return {"true": "1", "false": "0"}.get(word.lower(), word)
 
 
 def _word(value: Any) -> str:

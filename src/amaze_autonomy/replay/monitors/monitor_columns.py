@@ -153,7 +153,7 @@ def _heights(track: Track, spec: LandingSpec) -> Tuple[Any, Any]:
     """Return the heights above the ground, by the arithmetic of `ground.seen_m`, and which of them were seen."""
     reading, least, most = (column.astype(float) for column in track.columns)
     with np.errstate(all="ignore"):
-        distance = reading * spec.scale
+        distance, least, most = reading * spec.scale, least * spec.scale, most * spec.scale
         least = np.where((least > 0) & (least < spec.max_range_m), least, spec.least_m)
         most = np.where((least < most) & (most < spec.max_range_m), most, spec.max_range_m)
         seen = np.isfinite(reading) & (distance >= min(0.0, spec.least_m)) & ~np.isin(reading, spec.sentinels)

@@ -142,10 +142,11 @@ def _range_lines(plan: Plan, recordings: Any) -> List[Line]:
         recordings, reading.topic, (reading.fields["distance"], "min_range", "max_range"), start_ns
     )
     with np.errstate(invalid="ignore"):
-        beyond = np.flatnonzero((value * reading.scale >= most) & (most > 0))
+        most_m = most * reading.scale
+        beyond = np.flatnonzero((value * reading.scale >= most_m) & (most_m > 0))
     if not len(beyond):
         return []
-    own_m = float(most[beyond[0]])
+    own_m = float(most_m[beyond[0]])
     wins = (
         f"the map's {plan.landing.max_range_m:g} m count" if "max_range_m" in plan.topic_map.landing else "nothing seen"
     )

@@ -476,11 +476,11 @@ class World:
                 t_ns + delay_ns, Rank.REPLY, lambda at_ns: self._tell(evolve(instead, t_ns=at_ns), Source.SCRIPT)
             )
         if not spoilt:
-            self._do(t_ns, command, delay_ns)
+            self._do(t_ns, command, delay_ns, answers=instead is None)
 
-    def _do(self, t_ns: int, command: Command, delay_ns: int) -> None:
+    def _do(self, t_ns: int, command: Command, delay_ns: int, *, answers: bool) -> None:
         if isinstance(command, RunCheck):
-            self._check(t_ns, command, delay_ns)
+            self._check(t_ns, command, delay_ns, answers=answers)
         elif isinstance(command, MissionCommand):
             self._move(t_ns, command.action)
             self._planner.command(command.action)
@@ -492,7 +492,7 @@ class World:
             self._recorder.start(t_ns, command)
         elif isinstance(command, StopRecording):
             self._recorder.stop(t_ns, command)
-        if isinstance(command, Request) and not isinstance(command, RunCheck):
+        if answers and isinstance(command, Request) and not isinstance(command, RunCheck):
             reply_to = command.id
             due_ns = t_ns + delay_ns + _LATENCY_NS
             self._agenda.at(due_ns, Rank.REPLY, lambda at_ns: self._accept(at_ns, reply_to))
@@ -505,7 +505,7 @@ class World:
         if self._lead is None or t_ns >= self._lead.end_ns:  # what leads up to a recording is not asked of it
             self.evidence.command(t_ns, action)
 
-    def _check(self, t_ns: int, command: RunCheck, delay_ns: int) -> None:
+    def _check(self, t_ns: int, command: RunCheck, delay_ns: int, *, answers: bool) -> None:
         until_ns = t_ns
         if CHECKS[command.check].watches:
             mission, watchdog = self._plan.mission, self._monitors.watchdog
@@ -513,8 +513,9 @@ class World:
             startup_ns = command.startup_time_ns or _S
             watchdog.start(t_ns, mission.severities, command.required, mission.tolerated, startup_ns)
             self._wake()
-        due_ns = t_ns + delay_ns + _LATENCY_NS
-        self._agenda.at(due_ns, Rank.REPLY, lambda at_ns: self._answer(at_ns, command, until_ns))
+        if answers:
+            due_ns = t_ns + delay_ns + _LATENCY_NS
+            self._agenda.at(due_ns, Rank.REPLY, lambda at_ns: self._answer(at_ns, command, until_ns))
 
     def _answer(self, t_ns: int, command: RunCheck, until_ns: int) -> None:
         """Answer a check; the first one of the watchdog waits for components to come up."""

@@ -25,7 +25,7 @@ import numpy as np
 from amaze_autonomy.bags import BagError, Entry, Recording
 from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.bags.format import MEMORY
-from amaze_autonomy.bags.other_formats import OtherRecording
+from amaze_autonomy.bags.other_formats import OtherRecording, content_files
 from amaze_autonomy.whole_file import whole, write_whole
 
 from ..errors import ReplayError
@@ -53,7 +53,9 @@ class Exported(NamedTuple):
     problems: Tuple[str, ...] = ()
 
 
-def export(paths: Sequence[Path], output: Path, topics: Sequence[str] = (), memory: int = MEMORY) -> Exported:
+def export(
+    paths: Sequence[Path], output: Path, topics: Sequence[str] = (), memory: int = MEMORY, *, replace: bool = False
+) -> Exported:
     """Export the recordings of one flight: to MCAP or KML by the name of the output, else tables in a folder.
 
     Args:
@@ -61,9 +63,10 @@ def export(paths: Sequence[Path], output: Path, topics: Sequence[str] = (), memo
         output: `x.mcap`, `x.kml`, or a folder.
         topics: patterns of those that are wanted, as `/camera/*`; none wants all.
         memory: bytes that a chunk may take, decompressed.
+        replace: whether files that exist may be replaced; those of the recordings never are.
 
     Raises:
-        BagError: A recording cannot be read.
+        BagError: A recording cannot be read, or the output exists, or is one of the recordings.
         ReplayError: No topic is wanted, or none tells where the vehicle is.
         OSError: The output cannot be written.
     """
@@ -71,10 +74,21 @@ def export(paths: Sequence[Path], output: Path, topics: Sequence[str] = (), memo
     try:
         flight = _Flight(recordings, topics)
         write = {".mcap": _write_mcap, ".kml": _write_kml}.get(output.suffix.lower(), _write_tables)
+        _check_unused(output, paths)
+        for file in _tables(flight, output) if write is _write_tables else [output]:
+            if file.exists() and not replace:
+                raise BagError(str(file), "exists", "choose another name, or say that it may be replaced (--force)")
         return write(flight, output)._replace(problems=(*problems_of(recordings), *flight.reasons.values()))
     finally:
         for recording in recordings:
             recording.close()
+
+
+def _check_unused(output: Path, paths: Sequence[Path]) -> None:
+    """Refuse an output that is one of the recordings, or a file of one that is a folder."""
+    for file in (file for path in paths for file in (path, *content_files(path))):
+        if output.exists() and output.samefile(file):
+            raise BagError(str(output), "is one of the recordings, which are never changed", "choose another name")
 
 
 class _Flight:
@@ -227,13 +241,25 @@ def _names(value: Any) -> Tuple[str, ...]:
 # --- tables -----------------------------------------------------------------------------------------------------------
 
 
+def _tables(flight: _Flight, folder: Path) -> List[Path]:
+    """Return the file of each topic's table."""
+    files: List[Path] = []
+    for _, topic in flight.topics:
+        name = topic.name.strip("/").replace("/", "__") or "root"
+        file = folder / f"{name}.csv"
+        if file in files:  # the same topic of another recording
+            file = folder / f"{name}__{len(files)}.csv"
+        files.append(file)
+    return files
+
+
 def _write_tables(flight: _Flight, folder: Path) -> Exported:
     """Write a table for each topic: a row for each message, a column for each field, times in seconds since 1970."""
     folder.mkdir(parents=True, exist_ok=True)
-    files: List[Path] = []
+    files = _tables(flight, folder)
     left_out: List[str] = []
     count = 0
-    for recording, topic in flight.topics:
+    for file, (recording, topic) in zip(files, flight.topics):
         rows: List[Dict[str, Any]] = []
         columns: Dict[str, None] = {"t_s": None}
         long: Dict[str, None] = {}
@@ -242,12 +268,7 @@ def _write_tables(flight: _Flight, folder: Path) -> Exported:
             columns.update(dict.fromkeys(row))
             rows.append(row)
         left_out += [f"{topic.name}: {name} has more than {_LONGEST} elements" for name in long]
-        name = topic.name.strip("/").replace("/", "__") or "root"
-        file = folder / f"{name}.csv"
-        if file in files:  # the same topic of another recording
-            file = folder / f"{name}__{len(files)}.csv"
         write_whole(file, _table(list(columns), rows))
-        files.append(file)
         count += len(rows)
     return Exported(tuple(files), count, flight.unread, tuple(left_out))
 

@@ -11,6 +11,7 @@ A status that the recording has of a node of ours is not made.
 
 from __future__ import annotations
 
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, Dict, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
 
@@ -23,6 +24,7 @@ from amaze_autonomy.interface import STATUSES, status_of
 from ...cns.peers import LandingDetection, Watchdog
 from ...cns.sequencer import Sequencer
 from ...cns.tables import TOPICS, Answer, Request
+from .sources import spans_of
 from .telemetry import Made, header
 
 _S = 1_000_000_000
@@ -130,10 +132,15 @@ class CnsStatuses(Made):
         found = [(t_ns, key, message) for key in keys for t_ns, message in self._heard.get(key, ())]
         return sorted(found, key=lambda each: each[0])
 
+    @cached_property
+    def _spans(self) -> List[Tuple[int, int]]:
+        return spans_of(self._source)
+
     def _ticks(self, said: Sequence[_Said]) -> List[_Said]:
         """Return what was said and, without a key, moments at which a status is due, in order of time."""
-        start_ns, end_ns = self._source.start_ns, self._source.end_ns
-        moments = [(t_ns, "", None) for t_ns in range(start_ns, end_ns + 1, _PERIOD_NS)]
+        moments = [
+            (t_ns, "", None) for begin_ns, end_ns in self._spans for t_ns in range(begin_ns, end_ns + 1, _PERIOD_NS)
+        ]
         return sorted([*said, *moments], key=lambda each: each[0])
 
     def _watchdog(self) -> Iterator[Event]:

@@ -28,7 +28,7 @@ from .fields import Track
 from .statuses import sent_by, status_rows, taped_statuses
 
 _S = 1_000_000_000
-_JUMP_NS = 3600 * _S
+JUMP_NS = 3600 * _S  # no recording has nothing for so long: a clock was set
 _Rows = Sequence[Optional[Tuple[Any, ...]]]
 _Columns = Sequence[Any]
 
@@ -329,11 +329,11 @@ class Recordings:
 
     def _check_times(self) -> None:
         """Refuse a recording in which a clock was set: virtual time would go through all the years between."""
-        if self.end_ns - self.start_ns <= _JUMP_NS:
+        if self.end_ns - self.start_ns <= JUMP_NS:
             return
         parts = [self.times(rank) for rank in range(len(self.topics))]
         times = np.concatenate(([self.start_ns], np.sort(np.concatenate(parts)), [self.end_ns]))
-        jumps = np.flatnonzero(np.diff(times) > _JUMP_NS)
+        jumps = np.flatnonzero(np.diff(times) > JUMP_NS)
         if len(jumps):
             raise TimeJumpError(self._names(), *(times[jumps[0] : jumps[0] + 2] - self.shift_ns).tolist())
 
@@ -479,6 +479,22 @@ def _of_cns(bag: Any) -> List[Any]:
 
     made = CnsStatuses(bag)
     return [made] if made.topics else []
+
+
+def spans_of(recording: Any) -> List[Tuple[int, int]]:
+    """Return from when to when a recording has messages: once, or before and after each time that a clock was set."""
+    begin_ns, end_ns = recording.start_ns, recording.end_ns
+    if end_ns - begin_ns <= JUMP_NS:
+        return [(begin_ns, end_ns)]
+    times = np.sort(np.concatenate([_times_of(recording, topic.name) for topic in recording.topics]))
+    jumps = np.flatnonzero(np.diff(times) > JUMP_NS)
+    return list(zip([begin_ns, *times[jumps + 1].tolist()], [*times[jumps].tolist(), end_ns]))
+
+
+def _times_of(recording: Any, topic: str) -> Any:
+    if isinstance(recording, Recording):
+        return recording.table(topic).t_ns
+    return np.array([entry.t_ns for entry in recording.entries(topic)], np.int64)
 
 
 def _of_other(path: Path, memory: int) -> List[Any]:

@@ -4,6 +4,7 @@ It has the face of a bag. Its topics are made of what the vehicle sent:
 
 /mavlink/NAME       each message by its name, fields as in MAVLink, e.g. /mavlink/GPS_RAW_INT; of the vehicle's other
                     components what the autopilot does not send itself
+/mavlink/DISTANCE_SENSOR_N  where range finders look in several directions: those of orientation N that do not look down
 /mavlink/imu        HIGHRES_IMU, else RAW_IMU (mG), in the axes of ROS (x forward, y left, z up) and SI
 /autopilot/status   what the autopilot node would have said: the code is that of the live link
 """
@@ -14,7 +15,7 @@ import abc
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Collection, Dict, Iterable, List, Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from ...autopilot.link.dialect import mavlink
 from ...autopilot.link.framing import Counter, Frame, TlogCount, TlogError, read_tlog
 from ...autopilot.link.peers import Identity, Peers
 from ...autopilot.vehicle.vehicle import WANTED, VehicleState
+from .sources import JUMP_NS
 
 _S = 1_000_000_000
 STATUS, _IMU, _PREFIX = "/autopilot/status", "/mavlink/imu", "/mavlink/"
@@ -198,20 +200,36 @@ class Telemetry(Made):
         vehicle = _vehicle(self._frames)
         teller = Teller(self.tell, _settings(self._frames, vehicle))
         own = {frame.number for _, frame in self._frames if _sender(frame) == (vehicle, _AUTOPILOT)}
+        ways = {decode(frame).orientation for _, frame in self._frames if _is_range(frame, vehicle)}
         for at, (t_ns, frame) in enumerate(self._frames):
             teller.until(t_ns)
             if _sender(frame) != (vehicle, _AUTOPILOT):
                 if (
                     frame.system == vehicle and frame.number not in own
                 ):  # e.g. a range finder that is a component itself
-                    self.place(_PREFIX + _name(frame.number), t_ns, at)
+                    self.place(_PREFIX + _name(frame.number) + _way(frame, ways), t_ns, at)
                 continue
             name = _name(frame.number)
-            self.place(_PREFIX + name, t_ns, at)
+            self.place(_PREFIX + name + _way(frame, ways), t_ns, at)
             if name == "HIGHRES_IMU" or (name == "RAW_IMU" and _PREFIX + "HIGHRES_IMU" not in self._places):
                 self.place(_IMU, t_ns, at)
             if name in WANTED:
                 teller.take(t_ns, decode(frame))
+
+
+def _is_range(frame: Frame, vehicle: Optional[int]) -> bool:
+    return frame.number == mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR and frame.system == vehicle
+
+
+def _way(frame: Frame, ways: Collection[int]) -> str:
+    """Return what is added to the topic of a range finder that does not look down, where several look about.
+
+    A single one keeps its topic whatever it says: not every driver is told where it looks.
+    """
+    if frame.number != mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR or len(ways) < 2:  # noqa: PLR2004
+        return ""
+    way = decode(frame).orientation
+    return "" if way == mavlink.MAV_SENSOR_ROTATION_PITCH_270 else f"_{way}"
 
 
 def _settings(frames: Iterable[Tuple[int, Frame]], vehicle: Optional[int]) -> AutopilotSettings:
@@ -261,7 +279,9 @@ class Teller:
         self._said: Any = None
 
     def until(self, t_ns: int) -> None:
-        """Publish what is due before a time."""
+        """Publish what is due before a time; nothing while a clock was set, which `Recordings` then sees as a gap."""
+        if self._due_ns is not None and t_ns - self._due_ns > JUMP_NS:
+            self._due_ns = t_ns
         while self._due_ns is not None and self._due_ns < t_ns:
             self._tell(self._due_ns, self._vehicle)
             self._due_ns += _PERIOD_NS

@@ -233,9 +233,9 @@ def _arm(vehicle: Any, _t_ns: int, order: Order) -> int:
         if problem:
             vehicle.say(_CRITICAL, f"Arm: {problem}")
         return _FAILED if problem else _OK
-    if craft.airborne and order.params[1] != _FORCE:
-        return _FAILED
-    return _FAILED if craft.armed and craft.disarm() else _OK
+    if not craft.armed:
+        return _OK
+    return _FAILED if (craft.cut_motors() if order.params[1] == _FORCE else craft.disarm()) else _OK
 
 
 def _why_not(vehicle: Any) -> str:

@@ -126,7 +126,9 @@ def _arm(orders: Orders, t_ns: int, order: Order) -> List[int]:
         return [_UNSUPPORTED]
     if not craft.armed:
         return [_OK]
-    if craft.airborne and order.params[1] != _FORCE:
+    if order.params[1] == _FORCE:
+        return [_LATER if craft.cut_motors() else _OK]
+    if craft.airborne:
         orders.say(_CRITICAL, "Disarming denied: not landed\t")
         return [_LATER]
     return [_LATER if craft.disarm() else _OK]

@@ -172,6 +172,7 @@ _WITH_POSITION = (Mode.MISSION, Mode.LOITER, Mode.TAKEOFF, Mode.RTL, Mode.LAND, 
 _LAND_AT = {2: 2, 3: 3}  # COM_LOW_BAT_ACT -> level at which it lands
 _RETURN_AT = {1: 2, 3: 2}  # COM_LOW_BAT_ACT -> level at which it returns
 
+_EXCEPT_BITS = {Mode.MISSION: 1, Mode.LOITER: 2, OFFBOARD: 4}  # COM_RCL_EXCEPT: without the transmitter it flies on
 _AFTER_OFFBOARD = {3: Mode.RTL, 4: Mode.LAND, 5: Mode.LOITER}  # COM_OBL_RC_ACT
 
 _Say = Callable[[int, str], None]
@@ -256,7 +257,8 @@ class Failsafes:
     def _follow_transmitter(self, t_ns: int, *, transmitter: bool) -> None:
         lost = not transmitter
         newly, self._transmitter_lost = lost and not self._transmitter_lost, lost
-        exempt = (Mode.MISSION, OFFBOARD, Mode.LAND, Mode.RTL)
+        exceptions = int(self._parameters["COM_RCL_EXCEPT"])
+        exempt = {mode for mode, bit in _EXCEPT_BITS.items() if exceptions & bit} | {Mode.LAND, Mode.RTL}
         if newly and self._craft.airborne and self._craft.mode not in exempt:
             self._say(_EMERGENCY, "Manual control lost\t")
             if int(self._parameters["NAV_RCL_ACT"]) == 2:  # noqa: PLR2004 - RTL

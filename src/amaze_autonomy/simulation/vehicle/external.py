@@ -19,6 +19,7 @@ from amaze_autonomy.autopilot.vehicle.modes import mode_name
 from amaze_autonomy.engine.events import VehicleLanded
 
 from ...autopilot.link.dialect import Message, mavlink, source_of
+from ...autopilot.planner.mission_upload import Dialect, beginning, waypoint_index
 from ..errors import NoEffectError
 from ..scenario import KINDS, Fault, Scenario, Subject
 from .flight import Vector
@@ -67,6 +68,9 @@ class Observer:
         self.place: Optional[Place] = None
         self.armed, self.mode, self.landed = False, "", VehicleLanded.UNKNOWN
         self.reached: Tuple[int, ...] = ()
+        """Waypoints, from 1, in the order in which they were reached."""
+        self._item: Optional[int] = None
+        self._dialect = Dialect.PX4
         self._attitude = (0.0, 0.0)
         self._truth_ns: Optional[int] = None
         self._start: Optional[Tuple[float, float]] = None
@@ -99,6 +103,8 @@ class Observer:
     def _heartbeat(self, _: int, message: Message) -> None:
         self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.mode = mode_name(message.autopilot, message.custom_mode)
+        ardupilot = message.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        self._dialect = Dialect.ARDUPILOT if ardupilot else Dialect.PX4
 
     def _landed_state(self, _: int, message: Message) -> None:
         self.landed = _LANDED.get(message.landed_state, VehicleLanded.UNKNOWN)
@@ -128,8 +134,11 @@ class Observer:
             self.place = Place(position, velocity, *self._attitude)
 
     def _item_reached(self, _: int, message: Message) -> None:
-        if not self.reached or self.reached[-1] != message.seq:
-            self.reached = (*self.reached, message.seq)
+        if message.seq == self._item:
+            return
+        self._item = message.seq
+        if self.landed != VehicleLanded.ON_GROUND and _is_waypoint(message.seq, self._dialect):  # else the landing
+            self.reached = (*self.reached, waypoint_index(message.seq, self._dialect) + 1)
 
     def _across(self, latitude_e7: int, longitude_e7: int, altitude_m: float) -> Vector:
         """Return metres from the first place; a flight is short, so the earth is flat."""
@@ -212,6 +221,12 @@ class ExternalVehicle(Vehicle):
                 self.happened.append("landed")
 
 
+def _is_waypoint(number: int, dialect: Dialect) -> bool:
+    """Tell home, takeoff and turns from waypoints, and from what comes after them with ArduPilot: the landing."""
+    begins_before = beginning(number, dialect) != number
+    return waypoint_index(number, dialect) >= 0 and (begins_before or dialect is Dialect.PX4)
+
+
 _EVENTS: Mapping[str, str] = {
     Mode.LOITER: "hold",
     Mode.MISSION: "mission",
@@ -219,7 +234,8 @@ _EVENTS: Mapping[str, str] = {
     Mode.POSITION: "pilot",
 }
 _OF_SENSORS = ("tilted", "raised", "not_initialised")
-_OF_DATA = ("data_incomplete", "recording_does_not_grow", "recording_fails")
+OF_DATA = ("data_incomplete", "recording_does_not_grow", "recording_fails")
+"""Faults that act on the simulated recorder alone."""
 
 
 def as_external(scenario: Scenario) -> Scenario:
@@ -234,7 +250,7 @@ def as_external(scenario: Scenario) -> Scenario:
 def _as_external(fault: Fault) -> Fault:
     if fault.kind.subject == Subject.COMPONENT and fault.kind.name in ("unhealthy", "unreported"):
         return dataclasses.replace(fault, kind=KINDS[Subject.COMPONENT, "silent"])
-    if fault.kind.subject == Subject.WORLD and fault.kind.name not in (*_OF_SENSORS, *_OF_DATA):
+    if fault.kind.subject == Subject.WORLD and fault.kind.name not in (*_OF_SENSORS, *OF_DATA):
         raise NoEffectError(str(fault), "the vehicle is flown elsewhere: do it there", fault.where)
     return fault
 

@@ -8,7 +8,7 @@ from typing import Optional, Tuple
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.missions import Waypoint
 
-from .flight import LANDING_MODES, Flags, Flight, Mode, Pose, VehicleSettings
+from .flight import LANDING_MODES, Flags, Flight, Mode, Pose, VehicleSettings, descent
 
 __all__ = ["LANDING_MODES", "Flags", "Mode", "Pose", "Power", "PowerSettings", "Vehicle", "VehicleSettings"]
 
@@ -85,6 +85,9 @@ class Power:
 # a landing, and nobody overrules the pilot.
 
 
+_FALL_M_S = 6.0  # without motors, on the way down from a few metres
+
+
 class Vehicle(Flight):
     """The one vehicle of the world; commands return why they are refused, or nothing."""
 
@@ -144,6 +147,18 @@ class Vehicle(Flight):
             return "denied"
         self._arm_at = None
         self._set_disarmed()
+        return ""
+
+    def cut_motors(self) -> str:
+        """Stop the motors wherever it is; in the air it falls."""
+        if self.flags.does_not_disarm:
+            return "denied"
+        self._arm_at = None
+        said = self.landed
+        self._set_disarmed()
+        if self.airborne:
+            self.landed = said
+            self._stop()
         return ""
 
     def _command(self, mode: str) -> str:
@@ -214,7 +229,7 @@ class Vehicle(Flight):
                 self._arm()
                 return
         if not self.armed:
-            self._stay(end_ns)
+            (self._fall if self.airborne else self._stay)(end_ns)
             return
         if self._blind_at is not None and self.airborne:
             end_ns = min(end_ns, max(self._blind_at, self.t_ns))
@@ -226,6 +241,12 @@ class Vehicle(Flight):
             self._fly(end_ns)
         else:
             self._stand(end_ns)
+
+    def _fall(self, end_ns: int) -> None:
+        if self._go(self._leg or descent(self.position_m, _FALL_M_S, self.t_ns), end_ns):
+            self._touch()
+            self.landed = VehicleLanded.ON_GROUND
+            self.happened.append("landed")
 
     def _arm(self) -> None:
         self._arm_at = None
