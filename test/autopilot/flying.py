@@ -74,9 +74,9 @@ class Flying:
     """Both of them, and what was seen."""
 
     def __init__(
-        self, fate: Callable[[], Tuple[int, ...]] = good, plans=PLANS, spec=None, settings=None, kind=PX4
+        self, fate: Callable[[], Tuple[int, ...]] = good, plans=PLANS, spec=None, settings=None, kind=PX4, limits=LIMITS
     ) -> None:
-        self.planner = Sequencer(SequencerSettings(plans, spec or PlannerSpec(), MODEL, LIMITS))
+        self.planner = Sequencer(SequencerSettings(plans, spec or PlannerSpec(), MODEL, limits))
         self.vehicle = Vehicle(settings or Px4Settings(), kind)
         self.craft = self.vehicle.craft
         self.channel = Channel(self.planner, self.vehicle, fate)

@@ -164,6 +164,33 @@ def test_a_pose_that_jumps_is_not_followed():
     assert guided.blind_ns(follower.t_ns + S + STEP_NS) == 0
 
 
+def test_it_begins_where_the_vehicle_is_on_a_climb_of_its_own():
+    guided = guidance(Waypoint(0.0, 0.0, 1.0, 0.0, 0.0))
+    guided.flying = False
+    assert place(guided.step(STEP_NS, pose(*ORIGIN), None)) == ORIGIN
+    guided.flying = True
+    begun = place(guided.step(2 * STEP_NS, pose(10.3, -5.0, 1.4), None))
+    assert math.dist(begun, (10.3, -5.0, 1.4)) < 0.1
+    later = place(guided.step(3 * STEP_NS, pose(10.3, -5.0, 0.9), None))
+    assert math.dist(later, begun) < 0.2  # from then on the point leads
+
+
+def test_it_does_not_begin_where_a_pose_has_jumped_to():
+    guided = guidance(Waypoint(0.0, 0.0, 1.0, 0.0, 0.0))
+    jumped = guided.step(STEP_NS, pose(17.0, -5.0, 1.4), None)
+    assert (jumped.type_mask, guided.still) == (BY_VELOCITY, False)
+    assert math.dist(place(guided.step(2 * STEP_NS, pose(10.0, -5.0, 1.4), None)), (10.0, -5.0, 1.4)) < 0.1
+
+
+def test_told_to_go_on_before_it_stood_still_it_goes_on_from_where_it_is():
+    guided = guidance(Waypoint(0.0, 9.0, 1.0, 0.0, 0.0))
+    guided.step(STEP_NS, pose(*ORIGIN), None)
+    guided.stand()
+    guided.step(2 * STEP_NS, pose(10.0, -5.0, 1.0, speed=1.0), None)
+    guided.go_on()
+    assert math.dist(place(guided.step(3 * STEP_NS, pose(10.0, -5.0, 1.4), None)), (10.0, -5.0, 1.4)) < 0.1
+
+
 def test_told_to_stand_it_stops_and_then_stays_there():
     guided = guidance(Waypoint(0.0, 9.0, 1.0, 0.0, 0.0))
     guided.stand()

@@ -91,6 +91,16 @@ def test_the_local_frame_of_an_autopilot_that_was_started_again_is_another_one()
     assert flying.load("inside twice", 1).reason == words
 
 
+@pytest.mark.parametrize("step_s", [-3600.0, 6.0])
+def test_a_wall_clock_that_is_set_between_two_files_is_no_restart_of_the_autopilot(step_s):
+    flying = Flying()
+    flying.take_off("inside twice")
+    flying.until_phase(MissionPhase.LANDED)
+    flying.planner._wall = lambda: round(step_s * S)
+    loading = flying.load("inside twice", 1)
+    assert (loading.accepted, loading.reason) == (True, "")
+
+
 # --- the time stamp of signatures -------------------------------------------------------------------------------------
 
 

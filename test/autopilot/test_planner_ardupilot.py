@@ -12,7 +12,8 @@ from vehicle_lies import CRITICAL, Liar
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
-from amaze_autonomy.missions import Controller, Trajectory, Waypoint
+from amaze_autonomy.engine.rules import Limits
+from amaze_autonomy.missions import Controller, PlannerSpec, Trajectory, Waypoint
 
 P, A = MissionPhase, MissionAction
 BOTH = pytest.mark.parametrize("mission", ["line", "inside"])
@@ -211,6 +212,40 @@ def test_a_set_point_before_it_is_in_the_air_would_end_its_takeoff_and_none_is_s
     assert "SET_POSITION_TARGET_LOCAL_NED" not in flying.channel.sent
     flying.until_phase(P.FLYING)
     assert "SET_POSITION_TARGET_LOCAL_NED" in flying.channel.sent
+
+
+ABOVE = Trajectory("above.csv", (Waypoint(0.0, 0.0, 8.0, 0.0, 0.5), Waypoint(4.0, 0.0, 8.0, 0.0, 0.5)))
+
+
+def deepest_set_point_m(flying):
+    """Have the height of each set-point above the vehicle kept; return what gives the least of them."""
+    least, send = [math.inf], flying.channel.ours
+
+    def seen(messages):
+        messages = list(messages)
+        for each in messages:
+            if each.get_type() == "SET_POSITION_TARGET_LOCAL_NED" and not each.type_mask & 0x7:
+                least[0] = min(least[0], -each.z - flying.craft.height_m)
+        send(messages)
+
+    flying.channel.ours = seen
+    return lambda: least[0]
+
+
+@pytest.mark.parametrize("height_m", [1.0, 3.0, 5.0])
+@pytest.mark.parametrize("held", [False, True])
+def test_the_first_set_point_after_its_own_takeoff_is_where_it_is(height_m, held):
+    limits = Limits(takeoff_height_m=height_m)
+    flying = ardupilot(plans=(plan("above", (ABOVE,), Controller.OFFBOARD),), limits=limits)
+    deepest_m = deepest_set_point_m(flying)
+    flying.take_off("above")
+    if held:
+        flying.until(lambda: flying.craft.height_m > 0.3)
+        assert flying.command(A.HOLD) == flying.command(A.RESUME) == ""
+    flying.until_phase(P.LANDING)
+    assert flying.phases == [P.IDLE, P.LOADED, P.TAKING_OFF, P.FLYING, P.LANDING]
+    assert flying.status.waypoint == 2
+    assert deepest_m() >= -PlannerSpec().acceptance_radius_m
 
 
 def test_a_hold_on_the_ground_after_the_start_is_resumed():

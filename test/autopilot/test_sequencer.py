@@ -195,6 +195,18 @@ def test_several_files_and_repetitions_with_touchdowns_between(mission):
     assert flying.phases == WHOLE + (sending + WHOLE[1:]) * 3
 
 
+def test_waypoints_that_no_file_has_count_from_their_own_takeoff_in_one_session_too():
+    flying = Flying(plans=())
+    for number, east_m in enumerate((8.0, 16.0)):
+        given = plan(f"given {number}", (LINE,), Controller.MISSION)
+        loading, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", given.mission.id, 0, 0), given)
+        flying.channel.ours(messages)
+        flying.until(lambda sent=loading: sent.over)
+        assert flying.command(A.TAKEOFF) == ""
+        flying.until_phase(P.LANDED)
+        assert flying.craft.position_m[0] == pytest.approx(east_m, abs=0.8)
+
+
 def test_the_second_mission_does_not_finish_on_the_ground():
     """PX4 keeps the number of the item when none is marked: its second mission would be over at once."""
     flying = Flying()

@@ -17,11 +17,11 @@ from amaze_autonomy.cns.served import Notice
 from amaze_autonomy.cns.served_planner import LoadWaypoints, PlannerSettings, ServedPlanner
 from amaze_autonomy.cns.tables import Answer, Request
 from amaze_autonomy.engine.commands import AutopilotLand, MissionCommand
-from amaze_autonomy.engine.events import AutopilotStatus, Mission, Outcome, Reply
+from amaze_autonomy.engine.events import AutopilotStatus, Mission, MissionPhase, MissionStatus, Outcome, Reply
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, Frame, MissionPlan, Trajectory, estimate_rounds
 
-__all__ = ["BACK", "LINE", "LIST", "MS", "POINTS", "S", "Serving", "turned"]
+__all__ = ["BACK", "EAST_LINE", "LINE", "LIST", "MS", "POINTS", "S", "Serving", "turned"]
 
 MS = S // 1000
 POINTS = [(0.0, 0.0, 2.0, 0.0, 0.5), (8.0, 0.0, 2.0, 0.0, 0.5), (8.0, 6.0, 3.0, 90.0, 0.5)]
@@ -35,11 +35,12 @@ class Serving:
     Args:
         configured: files of mission 7 in missions.yaml; `LINE` has the waypoints of `POINTS`.
         hover_s: after the last waypoint.
+        more: of the mission in missions.yaml.
     """
 
-    def __init__(self, *configured: Trajectory, hover_s: float = 60.0) -> None:
+    def __init__(self, *configured: Trajectory, hover_s: float = 60.0, **more: Any) -> None:
         self.settings = PlannerSettings(
-            (plan("7", configured, Controller.MISSION),) if configured else (),
+            (replace(plan("7", configured, Controller.MISSION), **more),) if configured else (),
             Limits(),
             "begin",
             0.5,
@@ -58,6 +59,7 @@ class Serving:
         self.refusing: Dict[str, str] = {}  # commands that our services refuse, and why
         self.lost: Tuple[str, ...] = ()  # commands that are carried out, and whose answer does not come
         self.silent: Tuple[str, ...] = ()  # of planner, autopilot
+        self.planner_forgets = False  # as one that was started again
         self.second: List[int] = []
         self._loading: Optional[Tuple[int, Any]] = None
         self.run(S)
@@ -124,7 +126,9 @@ class Serving:
     def _step(self) -> None:
         t_ns, craft = self.t_ns, self.craft
         if "planner" not in self.silent:
-            self.served.told(t_ns, self.flying.status)
+            status = self.flying.status
+            blank = MissionStatus(t_ns=t_ns, session_id="", mission_id="", phase=MissionPhase.IDLE)
+            self.served.told(t_ns, blank if self.planner_forgets else status)
         if "autopilot" not in self.silent:
             self.served.told(
                 t_ns, AutopilotStatus(t_ns=t_ns, armed=craft.armed, landed=craft.landed, height_m=craft.height_m)

@@ -332,6 +332,53 @@ def test_a_watchdog_that_stops_beating_in_flight_lands(make):
     assert (flight.t_ns - began_ns) / S == pytest.approx(6.0, abs=0.6)  # as import-cns writes it
 
 
+def test_after_a_takeover_the_next_mission_is_loaded_once_its_sequencer_has_ended_the_last_one(make):
+    flight = make()
+    flying(flight)
+    flight.vehicle.pilot_takes_over("POSCTL", 5 * S)
+    flight.until(lambda: flight.state.state is State.PILOT)
+    flight.until(lambda: not flight.vehicle.armed)
+    flight.run(3 * S)
+    flight.ask(UserCommand.ACKNOWLEDGE)
+    assert flight.end() == "MISSION_ENDED"
+    flight.vehicle.pilot_gives_back()
+    flight.run(S)
+    flight.select("1")
+    flight.until(lambda: flight.state.state is State.OUTREACH)
+    words = "its sequencer is still in its last mission, which is being ended: try again"
+    assert any(words in notice for notice in flight.notices), flight.notices
+    flight.run(5 * S)
+    assert (flight.planner[-1].phase, flight.requests()) == (P.LANDED, WHOLE)
+    flight.ask(UserCommand.RETRY)
+    flight.until(lambda: flight.state.state is not State.OUTREACH)
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert flight.requests() == WHOLE * 2
+
+
+def test_a_mission_of_the_session_that_flies_is_not_ended_by_a_load(make):
+    flight = make()
+    flying(flight)
+    session, before = flight.state.session.id, flight.requests()
+    command = LoadMission(id=99, limit_ns=S, session_id=session, mission_id="1", file_index=0, repetition=0)
+    reply = flight.peers["mission_planner"].answer(flight.t_ns, command)
+    flight.run(S)
+    assert reply.message == "its sequencer flies (phase FLYING)"
+    assert flight.requests() == before
+
+
+def test_a_hold_or_resume_does_not_interrupt_the_landing_that_was_asked_for_and_is_not_answered_yet(make):
+    flight = make()
+    planner = flight.peers["mission_planner"]
+    flight.until(lambda: flight.requests() and flight.requests()[-1] == LAND)
+    assert planner._phase is P.FLYING
+    for action in (MissionAction.HOLD, MissionAction.RESUME):
+        command = MissionCommand(id=99, limit_ns=S, session_id=flight.state.session.id, action=action)
+        assert planner.answer(flight.t_ns, command).message == f"it lands: there is nothing to {action.name}"
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.requests() == WHOLE
+
+
 def test_a_vehicle_that_does_not_stand_flat_does_not_take_off(make):
     flight = make(landing_detection={"not_flat": True})
     assert flight.end() == "OUTREACH"

@@ -6,13 +6,13 @@ import math
 from dataclasses import replace
 
 import pytest
-from serving import BACK, LINE, MS, POINTS, S, Serving, turned
+from serving import BACK, EAST_LINE, LINE, MS, POINTS, S, Serving, turned
 
 from amaze_autonomy.cns import tables
 from amaze_autonomy.cns.served_planner import REQUESTS, Stage
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
-from amaze_autonomy.missions import Frame, Place
+from amaze_autonomy.missions import Controller, Frame, Place
 
 pytestmark = pytest.mark.long
 
@@ -396,6 +396,32 @@ def test_a_takeoff_that_our_planner_refuses_is_refused_with_its_reason_and_may_b
     serving.until_answer(R.TAKEOFF, A.COMPLETED)
 
 
+@pytest.mark.parametrize("refused", ["load", "TAKEOFF", ""])
+def test_waypoints_that_were_not_flown_are_none_of_the_next_mission(refused):
+    serving = Serving()
+    serving.give()
+    serving.ask(R.ARM)
+    if refused:
+        serving.refusing[refused] = "no fresh and valid position"
+        serving.ask(R.TAKEOFF)
+        serving.until_answer(R.TAKEOFF, A.REFUSED)
+        serving.refusing.clear()
+    assert serving.ask(R.DISARM) == (("DISARM", YES), ("DISARM", DONE))
+    loads = len(serving.loads)
+    serving.ask(R.ARM, 8)
+    serving.ask(R.TAKEOFF, 8)
+    serving.run(2 * S)
+    assert serving.answers[-1] == ("TAKEOFF", NO)
+    assert serving.notices[-1] == (
+        "TAKEOFF is refused: no waypoints have come, and missions.yaml has no local mission 8"
+    )
+    assert (len(serving.loads), serving.craft.armed, serving.craft.height_m) == (loads, False, 0.0)
+    serving.give(POINTS[:2])
+    serving.ask(R.TAKEOFF, 8)
+    serving.until(lambda: serving.stage == "MISSION")
+    assert len(serving.loads[-1].waypoints) == 2
+
+
 def test_a_takeoff_whose_answer_is_lost_is_refused_and_called_off_though_it_may_have_begun():
     serving = Serving()
     serving.lost = ("TAKEOFF",)
@@ -432,8 +458,8 @@ def test_a_vehicle_that_does_not_lift_off_is_disarmed_by_an_abort():
 # --- the mission of missions.yaml -------------------------------------------------------------------------------------
 
 
-def configured():
-    serving = Serving(LINE)
+def configured(**more):
+    serving = Serving(LINE, **more)
     serving.ask(R.ARM)
     serving.ask(R.TAKEOFF)
     serving.until_answer(R.TAKEOFF, A.COMPLETED)
@@ -511,6 +537,38 @@ def test_a_mission_in_latitude_and_longitude_is_none_of_its():
     assert serving.loads == []
 
 
+@pytest.mark.parametrize(
+    "files, more, why",
+    [
+        ((EAST_LINE, BACK), {}, "mission 7 is in the frame east_north, and its engine's waypoints count from each"),
+        ((EAST_LINE,), {}, "mission 7 is in the frame east_north, and its engine's waypoints count from each"),
+        ((LINE,), {"controller": Controller.OFFBOARD}, "mission 7 is flown by set-points (controller: offboard)"),
+    ],
+)
+def test_a_configured_mission_that_would_be_flown_otherwise_than_it_says_is_refused(files, more, why):
+    serving = Serving(*files, **more)
+    serving.ask(R.ARM)
+    serving.ask(R.TAKEOFF)
+    serving.until_answer(R.TAKEOFF, A.REFUSED)
+    assert serving.notices[-1].startswith(f"TAKEOFF is refused: {why}")
+    assert (serving.loads, serving.stage) == ([], "ARMED")
+    serving.give()
+    serving.ask(R.TAKEOFF)
+    serving.until_answer(R.TAKEOFF, A.COMPLETED)
+
+
+@pytest.mark.parametrize("hover_at_end_s, taken_s", [(60.0, 60.5), (90.0, 90.5), (300.0, 120.0)])
+def test_the_hover_at_the_end_of_a_mission_is_no_hold_of_its_list(hover_at_end_s, taken_s):
+    serving = Serving(LINE.hovering(hover_at_end_s), hover_at_end_s=hover_at_end_s)
+    serving.ask(R.ARM)
+    serving.ask(R.TAKEOFF)
+    serving.until_answer(R.TAKEOFF, A.COMPLETED)
+    assert serving.loads[0].waypoints[-1].hold_s == taken_s
+    serving.give()
+    serving.until_answer(R.UNDEF, A.COMPLETED)
+    assert serving.reached == pytest.approx(turned(LINE.waypoints))
+
+
 def test_a_list_before_the_takeoff_is_flown_in_the_place_of_the_configured_mission():
     serving = Serving(LINE)
     serving.give(POINTS[:2])
@@ -570,6 +628,41 @@ def test_a_process_that_is_started_again_in_flight_goes_on_with_the_mission(stag
     assert serving.stage == "IDLE"
 
 
+@pytest.mark.parametrize("height_m", [0.0, 0.1, 0.5, None])
+def test_a_process_that_is_started_again_before_the_list_came_does_not_fly_the_mission_unasked(height_m):
+    serving = configured() if height_m is None else Serving(LINE)
+    if height_m is not None:
+        serving.ask(R.ARM)
+        serving.ask(R.TAKEOFF)
+        serving.until(lambda: serving.craft.armed and serving.craft.height_m >= height_m)
+    serving.restart()
+    serving.run(20 * S)
+    assert (serving.stage, serving.flying.phase) == ("HOVER", P.HOLDING)
+    assert serving.answers[-1] == ("TAKEOFF", DONE)
+    assert serving.ask(R.RESUME) == (("RESUME", NO),)
+    serving.give()
+    serving.run(5 * S)
+    assert serving.notices[-1] == (
+        "waypoints are not taken: what is loaded is not known since this node was started again; it hovers until LAND"
+    )
+    assert (serving.flying.phase, serving.commands, serving.reached) == (P.HOLDING, ["TAKEOFF", "HOLD"], [])
+    serving.ask(R.LAND)
+    serving.until_answer(R.LAND, A.COMPLETED)
+    assert serving.ask(R.DISARM) == (("DISARM", YES), ("DISARM", DONE))
+
+
+def test_a_configured_mission_that_flies_goes_on_after_a_restart():
+    serving = configured()
+    serving.give()
+    serving.until(lambda: serving.flying.status.waypoint == 2)
+    serving.ask(R.HOLD)
+    serving.until_answer(R.HOLD, A.DONE)
+    serving.restart()
+    serving.run(S)
+    serving.ask(R.RESUME)
+    serving.until_answer(R.UNDEF, A.COMPLETED)
+
+
 def test_a_landing_that_a_process_before_this_one_was_asked_for_is_no_end_of_the_mission():
     serving = in_stage(Stage.HOVER)
     serving.ask(R.LAND)
@@ -591,3 +684,20 @@ def test_a_planner_that_dies_in_flight_is_said_and_the_vehicle_is_still_landed()
     serving.flying.command(MissionAction.LAND)  # as the autopilot node does it
     serving.until_answer(R.LAND, A.COMPLETED)
     assert not serving.craft.armed
+
+
+@pytest.mark.parametrize("stage", [Stage.TAKEOFF, Stage.MISSION, Stage.HOLD, Stage.LAND], ids=lambda stage: stage.name)
+def test_a_planner_that_is_started_again_in_flight_is_said_and_its_flight_has_an_end(stage):
+    serving = in_stage(stage)
+    serving.planner_forgets = True
+    serving.run(S)
+    assert "our planner has failed: it was started again, and knows the mission no more; LAND is taken" in (
+        serving.notices
+    )
+    if stage is not Stage.TAKEOFF:  # there it is disarmed on the ground meanwhile, or flies on
+        assert serving.ask(R.ARM, 8) == (("ARM", NO),)
+    serving.ask(R.LAND)
+    serving.until_answer(R.LAND, A.COMPLETED)
+    assert serving.ask(R.DISARM)[-1] == ("DISARM", DONE)
+    serving.planner_forgets = False
+    assert serving.ask(R.ARM, 8) == (("ARM", YES), ("ARM", DONE))

@@ -102,6 +102,19 @@ def _with(change):
     return document
 
 
+SQUARE = {"polygon": [[46.9, 7.9], [46.9, 8.1], [47.1, 8.0]], "inclusion": True, "version": 1}
+FENCE = "must be a fence of polygons and circles, as QGroundControl saves it (version 2)"
+
+
+@pytest.mark.parametrize(
+    "fence",
+    [None, {}, {"polygon": [], "version": 1}, {"circles": [], "polygons": [], "version": 2, "breachReturn": HOME}],
+)
+def test_a_plan_in_which_no_fence_was_drawn_has_none_of_whatever_version(fence):
+    assert read({**GOOD, "geoFence": fence}).fence == ()
+    assert read({key: value for key, value in GOOD.items() if key != "geoFence"}).fence == ()
+
+
 EARLY = "item 4: lands before the end; must be the last item"
 COMMANDS = "must be one of 22 (takeoff), 16 (waypoint), 19 (loiter for a time), 21 (land)"
 
@@ -139,6 +152,10 @@ COMMANDS = "must be one of 22 (takeoff), 16 (waypoint), 19 (loiter for a time), 
          "polygon: has a corner that is no place; must be latitude and longitude"),
         (lambda d: d["geoFence"].update(circles=[{"circle": {"center": [47.0, 8.0], "radius": 0}, "inclusion": True}]),
          "radius: is 0; must be above 0, in metres"),
+        (lambda d: d.update(geoFence=[SQUARE]), f"geoFence: is {str([SQUARE])[:40]}; {FENCE}"),
+        (lambda d: d.update(geoFence=False), f"geoFence: is False; {FENCE}"),
+        (lambda d: d.update(geoFence={"polygon": SQUARE["polygon"], "version": 1}), f"geoFence: has polygon; {FENCE}"),
+        (lambda d: d["geoFence"].update(Polygons=[SQUARE]), f"geoFence: has Polygons; {FENCE}"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_named(change, message):

@@ -6,7 +6,8 @@ Our commands become its requests, its pairs (response, completed) become our pha
 * ABORT does nothing in flight: it is never sent; DISARM before its takeoff, LAND after it.
 * Waypoints out of its bounds are skipped without a word: they are checked before they are sent, and counted on the way.
 * After the last waypoint it hovers: LAND is sent, and on the ground DISARM.
-* HOLD would interrupt its landing: it is not sent while it lands.
+* HOLD would interrupt its landing: it is not sent once a landing was asked for.
+* Taken over by a pilot it stays in its mission, also on the ground: the next load of another session ends that first.
 * A request with another id than the mission's is answered to nobody: the id is that of the loaded mission.
 * It says nothing when it has died: in flight that is FAILED at once, so that the autopilot lands.
 """
@@ -23,7 +24,7 @@ from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Frame, MissionPlan, Trajectory
 
 from .peers import Peer, Publish, Rhythm, replied
-from .tables import Answer, Request, WaypointAction
+from .tables import Answer, Reference, Request, WaypointAction
 
 _S = 1_000_000_000
 _REPLY_EARLY = 0.8
@@ -55,7 +56,6 @@ class Sequencer(Peer):
         limits: of the engine.
         rate_hz: of our status.
         bounds: of its sequencer, as its parameters say.
-        reference: what its waypoints count from, as its message numbers it; 1 is where it started.
     """
 
     def __init__(
@@ -64,11 +64,10 @@ class Sequencer(Peer):
         limits: Limits,
         rate_hz: float,
         bounds: Bounds = ANYWHERE,
-        reference: int = 1,
     ) -> None:
         super().__init__()
         self._plans = {plan.mission.id: plan for plan in plans}
-        self._limits, self._bounds, self._reference = limits, bounds, reference
+        self._limits, self._bounds = limits, bounds
         self._phase, self._message = _P.IDLE, ""
         self._loaded: Optional[LoadMission] = None
         self._id = 0
@@ -166,6 +165,8 @@ class Sequencer(Peer):
             return "its sequencer is not there"
         if self._loaded is None or command.session_id != self._loaded.session_id:
             return f"session {command.session_id!r} is not the one that is loaded"
+        if self._landing and command.action is not MissionAction.TAKEOFF:
+            return f"it lands: there is nothing to {command.action.name}"
         good = (_P.LOADED,) if command.action is MissionAction.TAKEOFF else (_P.TAKING_OFF, _P.FLYING, _P.HOLDING)
         return "" if self._phase in good else f"there is nothing to {command.action.name} in phase {self._phase.name}"
 
@@ -203,7 +204,7 @@ class Sequencer(Peer):
         if not self.alive:
             return "its sequencer is not there"
         if self._phase in _IN_FLIGHT and not self._restored:
-            return f"its sequencer flies (phase {self._phase.name})"
+            return self._end_last(t_ns, command)
         problem = self._aim(t_ns, command)
         if problem:
             return problem
@@ -215,6 +216,15 @@ class Sequencer(Peer):
         self._asked = self._arming_ns = None
         self._landing = False
         return ""
+
+    def _end_last(self, t_ns: int, command: LoadMission) -> str:
+        """End the mission of a session that is over: the engine loads on the ground alone; return why it waits."""
+        if self._loaded is not None and self._loaded.session_id == command.session_id:
+            return f"its sequencer flies (phase {self._phase.name})"
+        request = self._meant(t_ns, MissionAction.LAND)
+        if request is not None:
+            self._ask(request)
+        return "its sequencer is still in its last mission, which is being ended: try again"
 
     def _aim(self, t_ns: int, command: LoadMission) -> str:
         """Place the waypoints by the heading of now; return why they cannot be flown, or nothing."""
@@ -308,7 +318,7 @@ class Sequencer(Peer):
             {"x": place[0], "y": place[1], "z": place[2], "yaw": yaw, "holdtime": hold_s}
             for place, yaw, hold_s in self._points
         ]
-        fields = {"waypoints": waypoints, "action": int(WaypointAction.CLEAR), "reference": self._reference}
+        fields = {"waypoints": waypoints, "action": int(WaypointAction.CLEAR), "reference": int(Reference.LOCAL)}
         self.outbox.append(Publish("waypoint_list", fields))
 
     def _no_takeoff(self) -> None:

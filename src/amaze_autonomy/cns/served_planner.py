@@ -12,6 +12,9 @@ that answer it. What is not as with its sequencer, since our planner does it so,
 * A takeoff whose answer is lost is refused and aborted: it may have begun.
 * After the last waypoint it hovers for a time, and then lands though nobody asks.
 * HOVER ends a mission in the air: what was left of it is not flown any more.
+* What was loaded is not known to a process that is started again: a mission of missions.yaml that may still wait for
+  its list hovers then until LAND.
+* A planner that is started again in flight has lost its mission: that counts as one that has failed.
 """
 
 from __future__ import annotations
@@ -35,7 +38,7 @@ from amaze_autonomy.engine.events import (
     VehicleLanded,
 )
 from amaze_autonomy.engine.rules import Limits
-from amaze_autonomy.missions import Frame, MissionPlan, Waypoint
+from amaze_autonomy.missions import Controller, Frame, MissionPlan, Waypoint
 
 from .peers import Publish
 from .served import Notice, Served, why_not
@@ -45,7 +48,7 @@ _S = 1_000_000_000
 _LIST_NS = _S  # a list may come on its topic a little after the TAKEOFF that was sent behind it
 _NEAR_M = 0.3  # of its takeoff height, as its sequencer sees it
 _SAME_M, _SAME_RAD = 0.05, 0.02
-_MISSION = re.compile(r"cns_(\d+)")
+_MISSION = re.compile(r"cns_(\d+)(_\d+)?")  # id of its mission; of a file of missions.yaml, which one
 _P = MissionPhase
 _NOT_DONE = (Outcome.REFUSED, Outcome.UNAVAILABLE)  # of other outcomes than these nobody knows
 _FLIES = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
@@ -308,6 +311,8 @@ class ServedPlanner(Served):
         """Fly what was loaded, where it hovers for a list that says the same."""
         if not (self._expects and self._hovers and self.stage is Stage.HOVER):
             return "our planner loads on the ground alone: send them before TAKEOFF"
+        if not self._flown:
+            return "what is loaded is not known since this node was started again; it hovers until LAND"
         if len(given) != len(self._flown) or not all(map(_is_same, given, self._flown)):
             return f"they are not those of mission {self._id} in missions.yaml, which are loaded; it hovers on"
         self._hovers = self._expects = False
@@ -320,16 +325,19 @@ class ServedPlanner(Served):
         if self._list_until_ns is None or not (self._list or t_ns >= self._list_until_ns):
             return
         self._list_until_ns, self._expects = None, not self._list
-        plan = self._plans.get(str(self._id))
-        frame, self._flown = Frame.START_HEADING, self._list
-        if not self._list and plan is not None and not any(each.places for each in plan.trajectories):
+        mission_id, hover_s = f"cns_{self._id}", self._settings.hover_ns / _S
+        self._flown = self._list
+        if not self._list:
+            plan = self._plans.get(str(self._id))
+            problem = self._problem_of_plan(plan)
+            if plan is None or problem:
+                self._fail_takeoff(problem)
+                return
             file = self._takeoffs.get(self._id, 0) % len(plan.trajectories)
-            frame, self._flown = plan.frame, plan.trajectories[file].waypoints
-        if not self._flown:
-            self._fail_takeoff(f"no waypoints have come, and missions.yaml has no local mission {self._id}")
-            return
+            mission_id, self._flown = f"{mission_id}_{file + 1}", plan.as_drawn(file).waypoints
+            hover_s = max(hover_s, plan.trajectories[file].waypoints[-1].hold_s - self._flown[-1].hold_s)
         last = self._flown[-1]
-        hold_s = min(last.hold_s + self._settings.hover_ns / _S, self._settings.max_hold_ns / _S)
+        hold_s = min(last.hold_s + hover_s, self._settings.max_hold_ns / _S)
         waypoints = (*self._flown[:-1], replace(last, hold_s=max(last.hold_s, hold_s)))
         waypoints = tuple(replace(each, yaw_rad=remainder(each.yaw_rad, 2 * pi)) for each in waypoints)
         command = next(self._ids)
@@ -340,11 +348,24 @@ class ServedPlanner(Served):
                 id=command,
                 limit_ns=self._limits.load_limit_ns,
                 session_id=self._session,
-                mission_id=f"cns_{self._id}",
-                frame=frame,
+                mission_id=mission_id,
+                frame=Frame.START_HEADING,
                 waypoints=waypoints,
             )
         )
+
+    def _problem_of_plan(self, plan: Optional[MissionPlan]) -> str:
+        """Return why a mission of missions.yaml is not flown: otherwise than it says, or its engine; empty: it is."""
+        if plan is None or any(each.places for each in plan.trajectories):
+            return f"no waypoints have come, and missions.yaml has no local mission {self._id}"
+        if plan.frame is not Frame.START_HEADING:
+            right = "its engine's waypoints count from each takeoff and its heading: start_heading is taken"
+            return f"mission {self._id} is in the frame {plan.frame.value}, and {right}"
+        if plan.controller is not Controller.MISSION:
+            return (
+                f"mission {self._id} is flown by set-points (controller: offboard): missions of the autopilot are taken"
+            )
+        return ""
 
     # --- answers of our services ----------------------------------------------------------------------------------
 
@@ -412,6 +433,9 @@ class ServedPlanner(Served):
             self._adopt(event)
             if self._session and event.session_id == self._session:
                 self._status = event
+            elif self._status is not None and self.stage in _IN_AIR:  # it was ours before
+                event = replace(event, phase=_P.FAILED, message="it was started again, and knows the mission no more")
+                self._status = event
             if event.phase is _P.FAILED:
                 self.outbox.append(Notice(f"our planner has failed: {event.message}; LAND is taken"))
         self._look(t_ns)
@@ -433,6 +457,9 @@ class ServedPlanner(Served):
         self._reached, self._flown = max(0, status.waypoint - 1), ()
         self._lands = status.phase is _P.LANDING
         asked = {_P.TAKING_OFF: Request.TAKEOFF, _P.LANDING: Request.LAND}.get(status.phase)
+        if found.group(2) and not self._lands and status.waypoint <= 1:  # its list may not have come
+            self._expects, self._hovers = True, status.phase is _P.HOLDING
+            self.stage, asked = (Stage.HOVER, None) if self._hovers else (Stage.TAKEOFF, Request.TAKEOFF)
         if asked is not None:
             self._pending.append(_Pending(asked, self._id))
         self.outbox.append(Notice(f"started again in flight: mission {self._id} is in stage {self.stage.name}"))
@@ -555,6 +582,7 @@ class ServedPlanner(Served):
 
     def _after_disarming(self) -> None:
         self.stage, self._session, self._status = Stage.IDLE, "", None
+        self._list = ()  # what was not flown is not the next mission's
 
 
 # fmt: off

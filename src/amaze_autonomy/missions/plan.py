@@ -247,6 +247,7 @@ class MissionPlan:
         controller: who steers along the waypoints.
         fences: that its legs were checked against.
         land_switch: the switch of the transmitter that means land counts.
+        hover_at_end_s: that the hold at the last waypoint of the last file is longer than the file says.
     """
 
     mission: Mission
@@ -257,6 +258,12 @@ class MissionPlan:
     controller: Controller = Controller.MISSION
     fences: Tuple[Fence, ...] = ()
     land_switch: bool = True
+    hover_at_end_s: float = 0.0
+
+    def as_drawn(self, file_index: int) -> Trajectory:
+        """Return what a file says, without the hover at the mission's end."""
+        drawn, last = self.trajectories[file_index], file_index == len(self.trajectories) - 1
+        return drawn.hovering(-self.hover_at_end_s) if last and self.hover_at_end_s else drawn
 
     def flight(self, file_index: int, repetition: int) -> FlightEstimate:
         """Return the estimate of one flight, both counted from 0."""

@@ -270,10 +270,20 @@ _COMMANDS: Mapping[int, Callable[[_File, _Item, Place, Sequence[RoutePoint]], Li
 }
 
 
+_FENCE_KEYS = ("circles", "polygons", "version", "breachReturn")
+
+
 def _fence(file: _File, plan: Object) -> List[Area]:
+    """Return the areas of a fence; none where nobody has drawn one, as the empty one of an old version."""
     fence = plan.get("geoFence")
-    if not isinstance(fence, Object):
+    if fence is None:
         return []
+    right = "must be a fence of polygons and circles, as QGroundControl saves it (version 2)"
+    if not isinstance(fence, Object):
+        file.refuse(plan.line, "geoFence", f"is {str(fence)[:40]}", right)
+    for key, value in fence.items():
+        if value and key not in _FENCE_KEYS:
+            file.refuse(fence.line, "geoFence", f"has {key[:40]}", right)
     readers: Dict[str, Callable[[_File, Object], Area]] = {"polygons": _polygon, "circles": _circle}
     areas: List[Area] = []
     for key, read in readers.items():

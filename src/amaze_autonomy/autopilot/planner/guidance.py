@@ -4,6 +4,9 @@ A point runs ahead of the vehicle along each leg, as fast as the flight model sa
 follow: a set-point that jumped to the next waypoint would be flown to as fast as the autopilot can. Without a fresh
 pose, and with one that has jumped, the set-point is to stand still: velocity zero. Each call gives one message,
 whatever is known: the stream never depends on anything.
+
+The point begins where the vehicle is when it first follows: an ArduPilot has climbed by itself until then, and a point
+that was still on the ground would be descended to.
 """
 
 from __future__ import annotations
@@ -69,6 +72,7 @@ class Guidance:
         self._standing = False
         self._stay: Optional[Vector] = None
         self._fresh_ns: Optional[int] = None
+        self._begun = False  # the point is where the vehicle was when it followed first
         self.flying = False
 
     @property
@@ -105,7 +109,7 @@ class Guidance:
         """Fly on to the waypoint that was interrupted."""
         if self._standing:
             self._standing, self._speed = False, 0.0
-            self._at = self._stay or self._at
+            self._at, self._begun = self._stay or self._at, self._stay is not None
             self._stay = None
 
     def blind_ns(self, t_ns: int) -> int:
@@ -122,6 +126,8 @@ class Guidance:
         """
         passed_s = 0.0 if self._t_ns is None else min(_LONGEST_STEP_S, (t_ns - self._t_ns) / _S)
         self._t_ns = t_ns
+        if pose is not None and self.flying and not (self._begun or self._standing):
+            self._begin(pose)
         if pose is not None and self._is_far(pose):
             pose = None  # a jump of the estimate: to follow it would be to fly away
         if self._fresh_ns is None or pose is not None:
@@ -137,6 +143,12 @@ class Guidance:
         return self._point(self._at)
 
     # --- the point that runs ahead --------------------------------------------------------------------------------
+
+    def _begin(self, pose: Pose) -> None:
+        """Have the point begin where the vehicle is, unless that is far from its way: then the estimate has jumped."""
+        self._begun = math.dist(_nearest(self._at, self._goal()[0], pose.position_m), pose.position_m) <= self._far_m
+        if self._begun:
+            self._at = pose.position_m
 
     def _goal(self) -> Tuple[Vector, Waypoint]:
         goal = self._goals[min(self._number, len(self._goals) - 1)]
@@ -165,8 +177,12 @@ class Guidance:
     def _is_far(self, pose: Pose) -> bool:
         if not self.flying or self._standing:
             return False
-        far = _FAR_LEADS * self._longest_lead(self._model.cruise_speed_m_s)
-        return math.dist(self._at, pose.position_m) > far + self._spec.acceptance_radius_m
+        return math.dist(self._at, pose.position_m) > self._far_m
+
+    @property
+    def _far_m(self) -> float:
+        """Return how far from its point a vehicle is that has not been led there."""
+        return _FAR_LEADS * self._longest_lead(self._model.cruise_speed_m_s) + self._spec.acceptance_radius_m
 
     @staticmethod
     def _longest_lead(speed_m_s: float) -> float:
@@ -212,6 +228,15 @@ class Guidance:
         return mavlink.MAVLink_set_position_target_local_ned_message(
             0, *self._target, _FRAME, mask, *place, *still, yaw_ned_rad, 0.0
         )
+
+
+def _nearest(start: Vector, end: Vector, place: Vector) -> Vector:
+    """Return the point of a way that is nearest to a place."""
+    way = [to - at for at, to in zip(start, end)]
+    long = sum(each * each for each in way)
+    part = sum(each * (there - at) for each, at, there in zip(way, start, place)) / long if long else 0.0
+    x, y, z = (at + min(1.0, max(0.0, part)) * each for at, each in zip(start, way))
+    return (x, y, z)
 
 
 def _with_yaw(waypoint: Waypoint, yaw_rad: float) -> Waypoint:

@@ -7,7 +7,7 @@ that count from their own takeoffs have another one each, and are turned by the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import List, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.missions import Controller, Frame, Home, MissionPlan, PlannerSpec, Trajectory
@@ -37,12 +37,14 @@ class Origin:
         home: on the earth; None for a flight by set-points.
         local: in the estimator's frame (ENU); None for a mission of the autopilot.
         boot_ns: wall time at which the autopilot was switched on, which made that frame; None: unknown.
+        clock_boot_ns: the same on the clock of the messages, which nobody sets; None: another process found the origin.
     """
 
     session_id: str
     home: Optional[Home] = None
     local: Optional[Tuple[float, float, float]] = None
     boot_ns: Optional[int] = None
+    clock_boot_ns: Optional[int] = field(default=None, compare=False)
 
 
 class Readiness(NamedTuple):
@@ -217,11 +219,12 @@ class Loading:
         pose = self._readiness.watch.local(t_ns, self._readiness.spec.pose_age_limit_ns)
         if pose is None:
             return "there is no fresh and valid local position"
-        watch = self._readiness.watch
-        boot_ns = None if watch.boot_ns is None else watch.boot_ns + self._readiness.wall_ns
+        clock_ns, wall_ns = self._readiness.watch.boot_ns, self._readiness.wall_ns
+        boot_ns = None if clock_ns is None else clock_ns + wall_ns
         if self._begins():
-            self.origin = Origin(self.request.session_id, local=pose.position_m, boot_ns=boot_ns)
-        elif self.origin is not None and _restarted(self.origin.boot_ns, boot_ns):
+            session = self.request.session_id
+            self.origin = Origin(session, local=pose.position_m, boot_ns=boot_ns, clock_boot_ns=clock_ns)
+        elif self.origin is not None and _restarted(self.origin, boot_ns, clock_ns):
             return "the autopilot was started again since the session's first takeoff: its local frame is another one"
         return ""
 
@@ -242,5 +245,9 @@ class Loading:
         return ""
 
 
-def _restarted(before_ns: Optional[int], now_ns: Optional[int]) -> bool:
+def _restarted(origin: Origin, boot_ns: Optional[int], clock_boot_ns: Optional[int]) -> bool:
+    """Return whether the autopilot was switched on again; by wall time only where another process found the origin."""
+    before_ns, now_ns = origin.clock_boot_ns, clock_boot_ns
+    if before_ns is None:
+        before_ns, now_ns = origin.boot_ns, boot_ns
     return before_ns is not None and now_ns is not None and abs(now_ns - before_ns) > _SAME_BOOT_NS

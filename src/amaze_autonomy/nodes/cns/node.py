@@ -4,9 +4,8 @@ It offers the services and statuses of the peers that those nodes are (`cns/tabl
 is pure apart from this shell. Their messages are imported at the start, from the user's workspace. Where their recorder
 writes is a word: `arguments.py`. Parameters, besides those of `node_main.py` and `names.py`:
 
-~peers               which of them, with commas between; empty: all five
-~bounds              of the sequencer's waypoints: least x, y, z and most x, y, z in metres; empty: not checked
-~waypoint_reference  what its waypoints count from, as its message numbers it; 1 is where it started
+~peers    which of them, with commas between; empty: all five
+~bounds   of the sequencer's waypoints: least x, y, z and most x, y, z in metres; empty: not checked
 
 A node that is started again in flight goes on with what the last one has kept in ROS_HOME.
 """
@@ -125,11 +124,11 @@ class CnsPeersNode:
         if name == "state_estimation":
             return StateEstimation(rules)
         if name == "mission_planner":
-            rate_hz, reference = streams.planner_status_rate_hz, int(rospy.get_param("~waypoint_reference", 1))
+            _check_reference(rospy.get_param("~waypoint_reference", 1))
             bounds = _bounds(rospy.get_param("~bounds", ""))
             if bounds is ANYWHERE:
                 rospy.logwarn("~bounds is empty: waypoints that the sequencer skips are noticed in flight alone")
-            return Sequencer(configuration.plans, rules.limits, rate_hz, bounds, reference)
+            return Sequencer(configuration.plans, rules.limits, streams.planner_status_rate_hz, bounds)
         recording = configuration.recording
         growth_ns, stop_ns = recording.growth_limit_ns, rules.limits.data_cleanup_limit_ns
         return Recorder(self._folders, growth_ns, stop_ns, streams.recorder_status_rate_hz)
@@ -330,6 +329,13 @@ def _bounds(value: Any) -> Bounds:
     if len(numbers) != _CORNERS or not all(low < high for low, high in zip(numbers, numbers[3:])):
         raise StartError(f"~bounds is {value!r}, must be least x,y,z and most x,y,z in metres, e.g. -5,-5,0,5,5,3")
     return Bounds((numbers[0], numbers[1], numbers[2]), (numbers[3], numbers[4], numbers[5]))
+
+
+def _check_reference(value: Any) -> None:
+    """Refuse what earlier versions took: only the number in the message changed by it, the waypoints did not."""
+    if value not in (1, "1"):
+        right = "leave it out: waypoints count from where it started, which is 1 in its message"
+        raise StartError(f"~waypoint_reference is {value!r}; {right}")
 
 
 def _folders(configuration: Configuration) -> Dict[str, str]:
