@@ -6,9 +6,11 @@ from __future__ import annotations
 import threading
 import time
 import unittest
+from statistics import median
 
 import rospy
 import rostest
+from hitches import PATIENCE
 from one_node import OneNode, wait_for, wait_for_service
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
@@ -81,7 +83,7 @@ class TestWatchdogClock(unittest.TestCase):
 
         beats = quiet(10)
         gaps = [(after.header.stamp - before.header.stamp).to_sec() for before, after in zip(beats, beats[1:])]
-        self.assertTrue(all(0.15 < gap < 0.35 for gap in gaps), gaps)
+        self.assertTrue(0.15 < median(gaps) < 0.25, gaps)  # one may be late where others want the processor
         world.now_s -= 500.0
         beats = quiet(10)
         self.assertLess(beats[-1].header.stamp.to_sec(), START_S)
@@ -89,7 +91,7 @@ class TestWatchdogClock(unittest.TestCase):
         world.sends, stopped_s = False, world.now_s
         failed = wait_for(lambda: next((each for each in actions if each.code == 8), None), "silence is seen", 10.0)
         delay_s = failed.header.stamp.to_sec() - stopped_s
-        self.assertTrue(0.45 < delay_s < 0.5 + 0.1, delay_s)
+        self.assertTrue(0.45 < delay_s < 0.5 + 0.1 * PATIENCE, delay_s)
         self.assertEqual(failed.components[0].reason, "no message on /imu for longer than 0.5 s")
         world.sends = True
         wait_for(lambda: actions[-1].code == 1, "it is back", 10.0)
