@@ -661,6 +661,7 @@ def test_a_configured_mission_that_flies_goes_on_after_a_restart():
     serving.run(S)
     serving.ask(R.RESUME)
     serving.until_answer(R.UNDEF, A.COMPLETED)
+    assert serving.commands == ["TAKEOFF", "HOLD", "RESUME", "HOLD", "RESUME"]  # the first for its list
 
 
 def test_a_landing_that_a_process_before_this_one_was_asked_for_is_no_end_of_the_mission():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import shutil
 import signal
@@ -56,10 +57,15 @@ class OneNode:
         if modules:
             environment["PYTHONPATH"] = f"{modules}:{environment.get('PYTHONPATH', '')}"
         self.process = subprocess.Popen(command, env=environment, stdout=self._log, stderr=self._log)
+        atexit.register(self._kill)  # a test that fails before `end` leaves nothing running
 
     @property
     def log(self) -> str:
         return (self.folder / "log").read_text(errors="replace")
+
+    def _kill(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
 
     def end(self) -> int:
         """End it as roslaunch does; return its exit status."""

@@ -245,7 +245,7 @@ def unnamed_topics(effective: Mapping[str, Any], named: Iterable[str]) -> List[s
     """
     sensors, recording = effective["sensors"], effective["recording"]
     meant, names = _meant_by(sensors, recording), [*_known(sensors), *named]
-    ends = tuple(f"/{name.replace('~', 'autonomy/').lstrip('/')}" for name in names if not name.startswith("/"))
+    ends = tuple(_resolved(name) for name in names if not name.startswith("/"))
     lines = []
     for group, values in recording["groups"].items():
         left = [each for each in values["topics"] if each not in (*names, *meant) and not each.endswith(ends or "\n")]
@@ -332,12 +332,17 @@ def _watched(sensors: Mapping[str, Any]) -> Iterator[Tuple[str, str, str]]:
             yield topic, f"{check}.{key}", ""
 
 
+def _resolved(topic: str) -> str:
+    """Return the whole name of a topic outside of any namespace; `~` stands for the autonomy node."""
+    return "/" + topic.replace("~", "autonomy/").lstrip("/")
+
+
 def _records(group: Mapping[str, Any], topic: str) -> bool:
     """Return whether a group records a topic; rosbag matches its expressions as a whole, what is excluded first.
 
-    To rosbag the name of a topic is resolved; outside of any namespace here, as most are.
+    To rosbag the name of a topic is resolved.
     """
-    resolved = "/" + topic.replace("~", "autonomy/").lstrip("/")
+    resolved = _resolved(topic)
     if group["match"] and group["exclude"] and re.fullmatch(group["exclude"], resolved):
         return False
     return topic in group["topics"] or any(re.fullmatch(pattern, resolved) for pattern in group["match"])
