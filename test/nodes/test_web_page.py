@@ -478,6 +478,19 @@ def test_what_was_long_under_way_is_as_old_as_it_is(field):
         assert page.driver.execute_script("return offered().map((each) => each.name)") == ["hold", "land", "abort"]
 
 
+SLOW_TO_DRAW = """drawn = 0;
+draw = () => { drawn += 1; for (const end = nowMs() + 600; nowMs() < end;); };"""
+
+
+def test_a_browser_that_is_slow_to_draw_shows_what_is_new_all_the_same(field):
+    with opened(field.port) as page:
+        page.wait("missions", "Short square")
+        page.driver.execute_script(f"window.drawn = 0; {SLOW_TO_DRAW}")
+        first = page.driver.execute_script("return have.sample")
+        page.until(lambda: page.driver.execute_script("return have.sample") > first + 60, "sixty samples")
+        assert page.driver.execute_script("return [drawn > 3, lost()]") == [True, ""]
+
+
 def test_a_list_that_comes_anew_takes_the_question_of_the_one_before_away(field):
     with opened(field.port, token="100%") as page:
         page.wait("missions", "Short square")

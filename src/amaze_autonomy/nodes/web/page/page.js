@@ -17,6 +17,7 @@ const have = { board: "", run: "", note: 0, sample: 0 };
 const orders = new Map();
 let parts = {}, samples = [], flown = [], step = 1, socket = null, pauseS = 0.25, connected = false;
 let heardMs = 0, stateMs = 0, beat = 0, beatMs = 0, ageS = null, wayS = Infinity, lateS = 0;
+let willShow = false, toDraw = false;
 let question = null, answer = null, token = "", mayCommand = false, sound = null, soundedMs = 0, chimed = "";
 
 const nowMs = () => performance.now();
@@ -90,8 +91,18 @@ function take(news) {
   takeSamples(news);
   news.answers.forEach(takeAnswer);
   $("viewers").textContent = news.viewers === 1 ? "1 viewer" : `${news.viewers} viewers`;
-  render();
-  if (news.samples.length || news.parts.state || news.parts.plans) draw();
+  show(Boolean(news.samples.length || news.parts.state || news.parts.plans));
+}
+
+function show(plots) { // once for all messages that wait: to draw for each would show each of them later, and later
+  toDraw = toDraw || plots;
+  if (willShow) return;
+  willShow = true;
+  setTimeout(() => {
+    [willShow, plots, toDraw] = [false, toDraw, false];
+    render();
+    if (plots) draw();
+  });
 }
 
 function measureTheWay(sentS) { // what was longer under way than the fastest is older by that; no clock is set by another
