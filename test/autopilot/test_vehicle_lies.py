@@ -490,6 +490,7 @@ CLIENT_LIES = st.lists(st.tuples(st.integers(0, 60), SAID), min_size=1, max_size
 @example([(20, [("mode", "AUTO.LAND")])], 15)
 @example([(26, [("status", CRITICAL), ("current mode", "AUTO.RTL")])], 31)
 @pytest.mark.long
+@pytest.mark.night
 @settings(max_examples=20, deadline=None)
 @given(CLIENT_LIES, st.integers(0, 40))
 def test_whatever_one_message_says_at_any_moment_of_a_landing_by_the_autopilot_node(lies, asked):

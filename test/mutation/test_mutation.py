@@ -126,6 +126,7 @@ def test_a_statement_of_several_lines_is_one():
     assert [span(source, line) for line in range(1, 11)] == [(0, 0), *[(2, 5)] * 4, *[(0, 0)] * 5]
 
 
+@pytest.mark.night
 def test_who_asks_catches_nobody_else_does_and_what_is_known_is_not_looked_at_again(repository):
     status, shown = run(repository)
     lines = shown.splitlines()
@@ -141,6 +142,7 @@ def test_who_asks_catches_nobody_else_does_and_what_is_known_is_not_looked_at_ag
     assert again[1].splitlines()[1:] == lines[next(n for n, line in enumerate(lines) if not line) :]
 
 
+@pytest.mark.night
 def test_what_runs_at_the_import_alone_is_shown_to_all(repository):
     path, test = repository / LIMIT, repository / "test/engine/test_limit.py"
     path.write_text(
@@ -153,6 +155,7 @@ def test_what_runs_at_the_import_alone_is_shown_to_all(repository):
     assert not [line for line in lines if line.endswith("SURVIVED")]
 
 
+@pytest.mark.night
 def test_a_test_more_shows_the_survivors_again_and_them_alone(repository):
     before = run(repository)[1]
     more = "\n\ndef test_the_limit():\n    assert (over(3), over(4)) == (False, True)\n"
@@ -165,6 +168,7 @@ def test_a_test_more_shows_the_survivors_again_and_them_alone(repository):
     assert status == 1
 
 
+@pytest.mark.night
 def test_a_campaign_goes_on_elsewhere_from_what_the_repository_keeps(repository):
     (repository / "docs").mkdir()
     (repository / "docs/safety.md").write_text("# Title\n", encoding="utf-8")

@@ -359,6 +359,7 @@ def field():
     made.close()
 
 
+@pytest.mark.night
 def test_a_mission_is_clicked_through_over_a_bad_link_by_one_of_two_viewers_and_everything_is_restarted(field):
     with opened(field.bad_port) as pilot, opened(field.port, token="", dark=True) as guest:
         pilot.wait("missions", "Short square")
@@ -482,6 +483,7 @@ SLOW_TO_DRAW = """drawn = 0;
 draw = () => { drawn += 1; for (const end = nowMs() + 600; nowMs() < end;); };"""
 
 
+@pytest.mark.night
 def test_a_browser_that_is_slow_to_draw_shows_what_is_new_all_the_same(field):
     with opened(field.port) as page:
         page.wait("missions", "Short square")

@@ -16,6 +16,7 @@ pytest.importorskip("rospy", reason="needs ROS")
 ROOT = Path(__file__).parents[2]
 pytestmark = [
     pytest.mark.builds,
+    pytest.mark.night,
     pytest.mark.xdist_group("deb"),
     pytest.mark.skipif(shutil.which("dpkg-deb") is None, reason="there is no dpkg-deb here"),
     pytest.mark.skipif(not (ROOT / ".venv" / "made").is_file(), reason="there is no environment that ./run made"),

@@ -75,6 +75,7 @@ def test_what_is_no_job_is_refused_with_the_list(tmp_path, job):
     assert result.stderr == run(folder=tmp_path).stdout
 
 
+@pytest.mark.night
 @pytest.mark.builds
 @pytest.mark.skipif(not (ROOT / ".venv" / "made").is_file(), reason="there is no environment that ./run made")
 def test_a_folder_that_was_copied_to_a_path_with_spaces_and_umlauts_works_without_a_network(tmp_path, shell):

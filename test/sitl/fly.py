@@ -4,7 +4,7 @@
     ./run sitl px4                     # on one of them
     ./run sitl ardupilot nominal cut_  # those whose names begin so
     ./run sitl px4 faults/             # those of config/faults, where a real autopilot can be made to do it
-    ./run sitl --quick                 # the six flights of ./run test
+    ./run sitl --quick                 # the two flights of ./run test
 
 PX4 and ArduCopter are looked for below AMAZE_SITL, else in ../shared/sitl: docs/simulation.md says how they are built.
 Root only: it makes network namespaces. Everything of a flight stays in its folder: journal, report, bag, telemetry logs
@@ -32,12 +32,8 @@ from sitl_scenario import Scenario, ScenarioError, load
 
 SCENARIOS = Path(__file__).resolve().with_name("scenarios")
 QUICK = (
-    ("nominal", "px4"),
-    ("nominal", "ardupilot"),
     ("code_16_in_mission", "px4"),
     ("code_16_in_mission", "ardupilot"),
-    ("takeover_by_sticks", "px4"),
-    ("takeover_by_sticks", "ardupilot"),
 )
 NOT_RUN = 77
 _LONGEST_S = 300.0
@@ -91,7 +87,7 @@ def main() -> int:
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help="px4, ardupilot, or how names of scenarios begin")
-    parser.add_argument("--quick", action="store_true", help="the six flights of ./run test")
+    parser.add_argument("--quick", action="store_true", help="the two flights of ./run test")
     parser.add_argument("-j", "--jobs", type=int, default=2, help="flights at the same time (default: 2)")
     parser.add_argument("-n", "--times", type=int, default=1, help="how often each is flown")
     parser.add_argument("--output", help="folder for what they write (default: build/sitl/DATE)")

@@ -87,6 +87,7 @@ def run(team, recipe):
     return status, said
 
 
+@pytest.mark.night
 @pytest.mark.parametrize("recipe", [github, gitlab])
 def test_a_recipe_fetches_once_replays_and_shows(team, recipe):
     status, said = run(team, recipe)

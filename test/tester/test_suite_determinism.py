@@ -39,6 +39,7 @@ def chosen(tmp_path_factory):
     return folder
 
 
+@pytest.mark.night
 @pytest.mark.long
 def test_another_process_with_another_hash_seed_decides_the_same_to_the_byte(chosen, monkeypatch):
     data = os.environ.get("AMAZE_DATA", str(Path(__file__).parents[3] / "shared" / "data"))
