@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -206,6 +207,20 @@ def test_what_is_no_list_of_a_part_is_a_problem_in_words(sent, content):
     (there / "parts.json").write_text(content)
     words = f"{there}/parts.json is no list of a part; retry, and its platform lists anew what is there"
     assert processes.RecorderJobs().fetch(SHARED, str(there), here, lambda _: None) == words
+
+
+def test_what_came_whole_before_is_not_fetched_again_and_what_went_bad_where_it_lies_replaces_no_good_copy(sent):
+    there, here = sent
+    good, listed = {"a-01.bag": b"first", "b-01.bag": b"second"}, []
+    for name, content in good.items():
+        (there / name).write_bytes(content)
+        listed.append({"file": name, "bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()})
+    (there / "parts.json").write_text(json.dumps({"files": listed}))
+    assert processes.RecorderJobs().fetch(SHARED, str(there), here, lambda _: None) == ""
+    (there / "a-01.bag").write_bytes(b"")  # its storage lost it
+    (here / "b-01.bag").write_bytes(b"")  # ours did
+    assert processes.RecorderJobs().fetch(SHARED, str(there), here, lambda _: None) == ""
+    assert {name: (here / name).read_bytes() for name in good} == good
 
 
 def in_a_thread(work):

@@ -24,7 +24,7 @@ from amaze_autonomy.whole_file import sha256_of, sync_folder
 from .errors import TransferError
 from .losses import Numbers, Stream, Written, account, header_numbers, recorded, written
 from .programs import LogState, read_line
-from .storage import PARTS, read_json, read_parts, write_json
+from .storage import PARTS, is_as_listed, read_json, read_parts, write_json
 
 _RECOVERED = ".recovered.bag"
 Progress = Callable[[int, int], None]
@@ -343,7 +343,7 @@ def _difference(path: Path, entry: Mapping[str, Any], *, checksums: bool) -> str
     size, listed = path.stat().st_size, entry.get("bytes")
     if not checksums:
         return "" if size == listed else f"has {size} bytes and not {listed}, as its list says"
-    return "" if size == listed and sha256_of(path) == entry.get("sha256") else "is not what was sent"
+    return "" if is_as_listed(path, entry) else "is not what was sent"
 
 
 def _aside(path: Path) -> Path:

@@ -71,6 +71,11 @@ def read_parts(folder: Path) -> Optional[Dict[str, Any]]:
     return content if all(isinstance(name, str) and name.isprintable() for name in names) else None
 
 
+def is_as_listed(path: Path, entry: Mapping[str, Any]) -> bool:
+    """Tell whether a file is what the list of its part says of it, byte for byte."""
+    return path.is_file() and path.stat().st_size == entry.get("bytes") and sha256_of(path) == entry.get("sha256")
+
+
 def space_of(folder: Path) -> Optional[Space]:
     """Return the space of the storage that a folder lies on, or will lie on; None when nobody can say."""
     while not folder.exists() and folder != folder.parent:

@@ -36,7 +36,7 @@ from amaze_autonomy.recording.programs import (
     transfer_command,
 )
 from amaze_autonomy.recording.status import GroupStatus, ProcessStatus
-from amaze_autonomy.recording.storage import PARTS, read_parts
+from amaze_autonomy.recording.storage import PARTS, is_as_listed, read_parts
 from amaze_autonomy.ros.clock import MonotonicClock, Periodic
 from amaze_autonomy.ros.liveness import LocalProcess
 from amaze_autonomy.whole_file import sync_folder
@@ -457,7 +457,9 @@ class RecorderJobs:
         content = read_parts(fetch.target)
         if content is None:
             return f"{fetch.location}/{PARTS} is no list of a part; retry, and its platform lists anew what is there"
-        return self._rsync(fetch, [*(each["file"] for each in content["files"]), *content.get("logs", [])])
+        # what is whole here stays as it is: where it came from it may have gone bad since
+        bags = [each["file"] for each in content["files"] if not is_as_listed(fetch.target / each["file"], each)]
+        return self._rsync(fetch, [*bags, *content.get("logs", [])])
 
     def _rsync(self, fetch: _Fetch, names: Sequence[str]) -> str:
         with NamedTemporaryFile("w", encoding="utf-8", prefix="amaze-wanted-") as listing:  # each fetch has its own
