@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Do live nodes grow? Memory, threads and descriptors of every node while the demo's vehicle flies for long.
+"""What do live nodes take, and do they grow? Memory, processor, threads and descriptors while the demo's vehicle flies.
 
     node_soak.py [--minutes 15] [--times 10] [--processes separate|forked] [--json FILE]
 
@@ -7,7 +7,9 @@ All statuses come so many times as often as usual, so that what leaks with a mes
 leaks with time alone is not. The simulated vehicle flies mission 4 again and again. The first third of the time is not
 counted. The status is 1 when a node grows by more than a tenth in twelve hours at the usual rates, or does not keep to
 its threads and descriptors. rosbag's `record` is shown and not judged: there is a new one for each mission, and it
-keeps an index of all that it has recorded.
+keeps an index of all that it has recorded. Below stands what our nodes take
+on the first of two computers: of memory as `Pss` counts it (what is shared once) and as `Rss` does, and of one core;
+that holds with --times 1.
 """
 
 from __future__ import annotations
@@ -38,6 +40,17 @@ RATES_HZ = {
 BATTERY = "missions.flight.endurance_s=86400"  # nobody is there to change it between two flights
 HOURS, GROWTH_FRACTION, SPARE = 12.0, 0.1, 8
 NOT_OURS = "/record_"
+ONE_COMPUTER = (
+    "/autonomy",
+    "/watchdog",
+    "/landing_detection",
+    "/state_estimation",
+    "/autopilot",
+    "/mission_planner",
+    "/data_recorder_main",
+    "node_group",
+)
+"""What flies on the first computer: its drivers are simulated here, and who looks at it sits elsewhere."""
 PERIOD_S = 5.0
 END_LIMIT_S = 900.0  # it lands, merges, and decides the journal of all flights again under the laws
 
@@ -49,6 +62,9 @@ class Sample(NamedTuple):
     memory_mb: float
     threads: int
     descriptors: int
+    shared_mb: float
+    resident_mb: float
+    worked_s: float
 
 
 def look(pid: int, t_s: float) -> Sample:
@@ -57,8 +73,15 @@ def look(pid: int, t_s: float) -> Sample:
     sizes = dict(line.split()[:2] for line in (folder / "smaps_rollup").read_text().splitlines()[1:])
     # Files' pages would shrink when another program maps the same file. A kernel before 5.4 counts them all together.
     memory_kb = int(sizes.get("Pss_Anon:", sizes["Pss:"]))
+    ticks = (folder / "stat").read_text().rpartition(")")[2].split()[11:13]  # utime, stime: proc(5)
     return Sample(
-        t_s, memory_kb * 1024 / 1e6, len(list((folder / "task").iterdir())), len(list((folder / "fd").iterdir()))
+        t_s,
+        memory_kb * 1024 / 1e6,
+        len(list((folder / "task").iterdir())),
+        len(list((folder / "fd").iterdir())),
+        int(sizes["Pss:"]) * 1024 / 1e6,
+        int(sizes["Rss:"]) * 1024 / 1e6,
+        sum(int(each) for each in ticks) / os.sysconf("SC_CLK_TCK"),
     )
 
 
@@ -70,6 +93,10 @@ def nodes_of(uri: str) -> Dict[str, int]:
             found[name] = int(ServerProxy(master.lookupNode("/soak", name)[2]).getPid("/soak")[2])
         except (OSError, Error):
             continue
+    if "/watchdog" in found:
+        parent = int(Path(f"/proc/{found['/watchdog']}/stat").read_text().rpartition(")")[2].split()[1])
+        if b"node_group" in Path(f"/proc/{parent}/cmdline").read_bytes():
+            found["node_group"] = parent  # no node of its own: the master does not know it
     return found
 
 
@@ -119,6 +146,12 @@ def grown(samples: List[Sample], times: float) -> Tuple[float, float, int, int]:
     return float(memory[-1]), growth_mb, max(threads) - min(threads), max(descriptors) - min(descriptors)
 
 
+def taken(samples: List[Sample]) -> Tuple[float, float, float]:
+    """Return what a process has of memory, shared once and resident (MB), and of one core (%)."""
+    first, last = samples[0], samples[-1]
+    return last.shared_mb, last.resident_mb, 100.0 * (last.worked_s - first.worked_s) / (last.t_s - first.t_s)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=15.0)
@@ -131,7 +164,8 @@ def main() -> int:
         seen = fly(options, Path(name))
     first_s = options.minutes * 60.0 / 3.0
     late = {key: [each for each in samples if each.t_s >= first_s] for key, samples in seen.items()}
-    rows = {key: grown(samples, options.times) for key, samples in late.items() if len(samples) > 10}
+    late = {key: samples for key, samples in late.items() if len(samples) > 10}
+    rows = {key: grown(samples, options.times) for key, samples in late.items()}
     if options.json:
         options.json.write_text(
             json.dumps({f"{name} {pid}": row for (name, pid), row in rows.items()}, indent=2) + "\n"
@@ -144,6 +178,10 @@ def main() -> int:
         flat = flat or node.startswith(NOT_OURS)
         good = good and flat
         print(f"{node:28}{memory:9.1f}{growth:20.1f}{threads:12}{descriptors:16}{'' if flat else '  GROWS'}")
+    print(f"\n{'':28}{'Pss, MB':>9}{'Rss, MB':>9}{'of a core, %':>14}")
+    ours = {node: taken(samples) for (node, _), samples in sorted(late.items()) if node in ONE_COMPUTER}
+    for node, (shared, resident, core) in (*ours.items(), ("together", map(sum, zip(*ours.values())))):
+        print(f"{node:28}{shared:9.1f}{resident:9.1f}{core:14.1f}")
     return 0 if good else 1
 
 
