@@ -500,7 +500,7 @@ EXIT_STATUS: Mapping[str, int] = {
     "NOT_FLOWN": 5,
     "DATA_INCOMPLETE": 6,  # flown or not, something of a flight was not recorded, or the data was given up
     "INTERRUPTED": 7,  # the node was ended while a mission was under way, on the ground
-    "INTERRUPTED_IN_FLIGHT": 8,  # ... and in flight: LAND was sent
+    "INTERRUPTED_IN_FLIGHT": 8,  # ... and in flight: LAND was sent unless the pilot had control
     "ENGINE_FAILED": 9,  # its thread that decides has ended, in flight LAND was sent; and it could not start anew
 }
 
