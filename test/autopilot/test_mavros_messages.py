@@ -12,6 +12,7 @@ from amaze_autonomy.autopilot.mavros.requests import (
     CALL_LIMITS_S,
     LATE_NS,
     Lane,
+    MavrosMission,
     Publication,
     Request,
     is_late,
@@ -517,13 +518,20 @@ MISSION, DISARM, INTERVAL = set_mode(1, 1, 4, 4), command_long(1, 1, 400, 0.0), 
         (MISSION, PX4, True),
         (set_mode(1, 1, 3, 0), ARDUPILOT, True),
         (DISARM, PX4, True),
+        (command_long(1, 1, mavlink.MAV_CMD_MISSION_START), ARDUPILOT, True),
+        (command_long(1, 1, mavlink.MAV_CMD_NAV_TAKEOFF), ARDUPILOT, True),
         (INTERVAL, PX4, False),
     ],
-    ids=["land", "land of ardupilot", "mission", "mission of ardupilot", "disarm", "interval"],
+    ids=["land", "land of ardupilot", "mission", "mission of ardupilot", "disarm", "start", "takeoff", "interval"],
 )
 def test_what_has_waited_for_half_a_second_is_no_command_any_more_but_for_a_landing(message, autopilot, late):
     request = request_of(message, autopilot)
     assert [is_late(request, waited_ns) for waited_ns in (LATE_NS, LATE_NS + 1)] == [False, late]
+
+
+def test_a_waypoint_to_go_on_from_that_comes_late_is_no_command_any_more():
+    (request,) = MavrosMission().take(mavlink.MAVLink_mission_set_current_message(1, 1, 3)).requests
+    assert [is_late(request, waited_ns) for waited_ns in (LATE_NS, LATE_NS + 1)] == [False, True]
 
 
 def test_a_landing_waits_for_nothing_that_mavros_waits_for():

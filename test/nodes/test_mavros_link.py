@@ -204,3 +204,26 @@ def test_over_a_link_of_our_own_whatever_the_vehicle_says_is_heard():
     node.receive(S, mavlink.MAVLink_heartbeat_message(2, PX4, 129, 4 << 24 | 4 << 16, 4, 3))
     node.receive(5 * S, mavlink.MAVLink_command_ack_message(176, 0))
     assert node.vehicle.status(5 * S).link_age_s == 0.0
+
+
+@pytest.mark.usefixtures("services")
+def test_the_master_is_told_of_set_points_at_the_start_and_not_in_flight(monkeypatch):
+    """A master that hangs would hold the link's lock with the first set-point, in the air."""
+    published = SimpleNamespace(
+        header=SimpleNamespace(stamp=None), position=SimpleNamespace(), velocity=SimpleNamespace()
+    )
+    told, sent = [], []
+    monkeypatch.setattr(mavros_link, "_imported", lambda _module, _name: lambda: published)
+    monkeypatch.setattr(mavros_link.rospy, "Subscriber", lambda *_, **__: None)
+    monkeypatch.setattr(mavros_link.rospy, "Time", SimpleNamespace(now=lambda: 0))
+    publisher = SimpleNamespace(publish=sent.append)
+    monkeypatch.setattr(mavros_link.rospy, "Publisher", lambda topic, *_, **__: told.append(topic) or publisher)
+    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_, **_read: (), key=lambda *_: None)
+    link = MavrosLink("/mavros", client, PLANNER_MESSAGES, lambda: 0, lambda _: None)
+    link._announce = lambda: None
+    link.start()
+    assert told == ["/mavros/setpoint_raw/local"]
+    point = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 3576, 2.0, 1.0, -3.0, *[0] * 8)
+    link._transmit((point,))
+    link._ended.set()
+    assert (told, sent, published.position.x) == (["/mavros/setpoint_raw/local"], [published], 1.0)

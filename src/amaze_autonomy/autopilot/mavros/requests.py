@@ -45,6 +45,17 @@ COMMAND_SERVICES: Mapping[Lane, str] = {Lane.MODE: _SET_MODE, Lane.ARMING: _COMM
 """The lanes of what the vehicle is commanded, and the service of each."""
 
 
+_FLIES = frozenset(
+    {
+        mavlink.MAV_CMD_DO_SET_MODE,
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        mavlink.MAV_CMD_MISSION_START,
+        mavlink.MAV_CMD_NAV_TAKEOFF,
+    }
+)
+"""What changes what the vehicle does."""
+
+
 class Request(NamedTuple):
     """A service of mavros to call.
 
@@ -67,10 +78,15 @@ class Request(NamedTuple):
         """Its type in mavros_msgs."""
         return SERVICES.get(self.service) or MISSION_SERVICES[self.service]
 
+    @property
+    def flies(self) -> bool:
+        """Whether it changes what the vehicle does: nobody may want it any more when it comes late."""
+        return self.command in _FLIES or self.service == _SET_CURRENT
+
 
 def is_late(request: Request, waited_ns: int) -> bool:
     """Return whether a request has waited for so long that it is not to be sent: a landing never has."""
-    return waited_ns > LATE_NS and request.lane in COMMAND_SERVICES and not request.lands
+    return waited_ns > LATE_NS and request.flies and not request.lands
 
 
 class Publication(NamedTuple):
@@ -85,6 +101,10 @@ class Publication(NamedTuple):
     topic: str
     kind: str
     fields: Dict[str, Any]
+
+
+SETPOINTS = Publication("setpoint_raw/local", "mavros_msgs/PositionTarget", {})
+"""All that is published."""
 
 
 def request_of(message: Message, autopilot: int) -> Optional[Request]:
@@ -136,7 +156,7 @@ def publication_of(message: Message) -> Optional[Publication]:
         "velocity.y": message.vx,
         "velocity.z": -message.vz,
     }
-    return Publication("setpoint_raw/local", "mavros_msgs/PositionTarget", fields)
+    return Publication(SETPOINTS.topic, SETPOINTS.kind, fields)
 
 
 # --- mavros mission ---------------------------------------------------------------------------------------------------

@@ -42,6 +42,7 @@ from ...autopilot.mavros.requests import (
     COMMAND_SERVICES,
     MISSION_SERVICES,
     SERVICES,
+    SETPOINTS,
     Lane,
     MavrosMission,
     Publication,
@@ -58,7 +59,7 @@ _WAKE_S = 0.05
 _WAITING = 16
 _LOOK_S = 0.5  # between two looks at a connection that stays open
 _HOW = "install mavros for this ROS, or use backend: mavlink through mavros' GCS port (docs/autopilot.md)"
-_TYPES = ("mavros_msgs/Waypoint", "mavros_msgs/PositionTarget")
+_TYPES = ("mavros_msgs/Waypoint", SETPOINTS.kind)
 
 
 class MavrosLink(ClientHost):
@@ -90,7 +91,7 @@ class MavrosLink(ClientHost):
         self._heartbeat_ns: Any = None
         self._listens = False
         self._frames = self._unsent = 0
-        self._publishers: Dict[str, Any] = {}
+        self._publisher: Any = None
         names = frozenset(wanted)
         self._kinds = {source: _message(source.kind) for source in sources_of(names)}
         self._of_received = {number for number, kind in TAKEN_FROM_RECEIVED.items() if kind.msgname in names}
@@ -104,7 +105,10 @@ class MavrosLink(ClientHost):
         return ServiceClient(resolved, _service(kind), rosgraph.get_master_uri(), rospy.get_name())
 
     def start(self) -> None:
-        """Subscribe, and begin to look at the time."""
+        """Subscribe, and begin to look at the time. In flight no master is asked: it may hang, or be gone."""
+        if self._types:
+            topic = f"{self._namespace}/{SETPOINTS.topic}"
+            self._publisher = rospy.Publisher(topic, self._types[SETPOINTS.kind], queue_size=1, tcp_nodelay=True)
         for source, kind in self._kinds.items():
             if source is not RECEIVED:
                 topic = f"{self._namespace}/{source.topic}"
@@ -230,16 +234,12 @@ class MavrosLink(ClientHost):
             self._enqueue(request)
 
     def _publish(self, publication: Publication) -> None:
-        kind = self._types[publication.kind]
-        if publication.topic not in self._publishers:
-            topic = f"{self._namespace}/{publication.topic}"
-            self._publishers[publication.topic] = rospy.Publisher(topic, kind, queue_size=1, tcp_nodelay=True)
-        message = kind()
+        message = self._types[publication.kind]()
         for name, value in publication.fields.items():
             *outer, inner = name.split(".")
             setattr(getattr(message, outer[0]) if outer else message, inner, value)
         message.header.stamp = rospy.Time.now()
-        self._publishers[publication.topic].publish(message)
+        self._publisher.publish(message)
 
     def _enqueue(self, request: Request) -> None:
         waiting = self._requests[request.lane]
