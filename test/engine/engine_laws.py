@@ -126,8 +126,13 @@ def _abort_lands(
 
 
 def _in_doubt(after: EngineState, story: Story) -> bool:
-    """Whether somebody else has control is open, for at most `pilot_confirm_ns`, or until the next status says so."""
-    status = after.peers.autopilot
+    """Whether somebody else has control is open, for at most `pilot_confirm_ns`, or until the next status says so.
+
+    After a restart in flight it is open until the first status, or until the autopilot is lost.
+    """
+    status, heard_ns = after.peers.autopilot, after.peers.autopilot_ns
+    if after.flight.active and status is None and heard_ns is not None:
+        return after.t_ns - heard_ns <= story.rules.limits.autopilot_status_limit_ns
     if after.vehicle.takeover is None or status is None:
         return False
     fresh = after.t_ns - after.peers.autopilot_ns <= story.rules.limits.autopilot_status_limit_ns

@@ -163,8 +163,8 @@ def test_armed_after_the_start_is_somebody_else():
     story.say(armed=True).until("PILOT", limit_s=0.5)
 
 
-#: Where a limit passes while nobody decides: no answer to a check, nothing that shows the hold.
-AFTER_3_S = {"PREFLIGHT": "OUTREACH", "HOLD confirming": "LAND"}
+#: Where a limit passes while nobody decides: no answer to a check. In flight it is heard first who has control.
+AFTER_3_S = {"PREFLIGHT": "OUTREACH"}
 
 
 @pytest.mark.parametrize("gap_s", [0.1, 3.0])
@@ -181,6 +181,59 @@ def test_a_restart_resumes_where_it_was_and_sends_nothing_twice(place, gap_s):
     forbidden = {"TAKEOFF", "LoadMission", "StartRecording", "StopRecording", "HOLD", "RESUME"}
     assert not forbidden & set(story.requests)
     assert story.state.session.id == at(place).state.session.id
+
+
+RESTARTS = {
+    "a limit passed": lambda _: None,
+    "a code 16 comes first": lambda story: story.fail("imu", 16),
+    "the user lands": lambda story: story.user("land"),
+}
+
+
+@pytest.mark.parametrize("meanwhile", RESTARTS)
+@pytest.mark.parametrize("mode", ["AUTO.RTL", "POSCTL"])
+def test_a_restart_in_flight_commands_nothing_before_it_has_heard_who_has_control(mode, meanwhile):
+    story = at("HOLD confirming")
+    story.vehicle.says["mode"] = mode
+    story.now += 6 * S
+    story.moved = story.beat = story.now
+    story.look().feed(ev.EngineStarted, label="again", resumed=True)
+    RESTARTS[meanwhile](story)
+    story.after(1.0).expect("PILOT")
+    assert story.motions == []
+
+
+def test_a_restart_in_flight_lands_at_once_when_the_first_status_is_ours():
+    story = at("HOLD confirming")
+    story.now += 6 * S
+    story.moved = story.beat = story.now
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.fail("imu", 16)
+    story.after(0.5).expect("LAND")
+    assert "LAND" in story.motions
+
+
+def test_a_restart_in_flight_lands_when_nobody_says_who_has_control():
+    story = at("MISSION flying")
+    story.silent.append("autopilot")
+    story.now += 1 * S
+    story.moved = story.beat = story.now
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    limit_s = story.rules.limits.autopilot_status_limit_ns / S
+    story.after(limit_s - 0.2)
+    assert story.motions == []
+    story.after(0.5).expect("LAND")
+    assert "AutopilotLand" in story.motions
+
+
+def test_a_takeover_that_was_in_doubt_is_not_denied_by_a_restart():
+    story = at("MISSION flying")
+    story.say(mode="POSCTL").after(0.2)
+    story.fail("imu", 16)
+    assert story.motions == []
+    story.look().feed(ev.EngineStarted, label="again", resumed=True)
+    story.after(1.0).expect("PILOT")
+    assert ("takeover_denied" in story.told, story.motions) == (False, [])
 
 
 @pytest.mark.parametrize("place", ["TAKEOFF climbing", "MISSION flying", "HOLD holding"])

@@ -369,6 +369,32 @@ def test_two_wrong_statuses_far_apart_disarm_nothing(between):
     assert "AutopilotDisarm" not in story.requests
 
 
+def test_a_landing_that_was_given_up_is_not_complete_and_nothing_else_is_flown():
+    """Its last waypoint was flown, and whether it has landed nobody knows."""
+    story = at("MISSION flying")
+    story.state = replace(story.state, queue=(ev.Mission(id="2"),))
+    while story.planner.phase is not ev.MissionPhase.LANDING:
+        story.after(0.1)
+    story.say(landed=ev.VehicleLanded.IN_AIR, height_m=2.0).silent.append("autopilot")
+    story.after(9.0)
+    assert story.user("acknowledge")[0] == "DONE"
+    story.after(8.0)
+    assert (story.state.session.result.value, story.state.session.id) == ("LANDED_EARLY", "test-001")
+
+
+def test_a_vehicle_that_was_given_up_and_is_heard_again_in_the_air_is_landed():
+    story = at("LAND commanding")
+    story.say(landed=ev.VehicleLanded.IN_AIR, height_m=2.0).silent.append("autopilot")
+    story.after(9.0)
+    assert story.user("acknowledge")[0] == "DONE"
+    story.until("MISSION_ENDED", limit_s=20.0).select()
+    story.after(1.0).look()
+    story.silent.remove("autopilot")
+    story.say(armed=True, landed=ev.VehicleLanded.IN_AIR, height_m=2.0)
+    story.until("LAND", limit_s=2.0)
+    assert story.motions[:1] == ["LAND"]
+
+
 def test_a_landing_of_which_nothing_is_known_any_more_may_be_given_up():
     """The link lives, but whether it is armed and has landed never comes again."""
     story = at("LAND commanding")

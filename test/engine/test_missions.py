@@ -372,3 +372,15 @@ def test_where_the_data_is_comes_with_what_the_recorder_says_of_it(message, said
     story.until("MISSION_ENDED")
     (text,) = [c.text for _, c in story.sent if isinstance(c, Notify) and c.key == "mission_ended"]
     assert text.endswith(f"The data is at {story.state.recording.location}{said}")
+
+
+def test_a_mission_that_was_never_begun_leaves_the_recording_of_the_last_one_alone():
+    """A pilot arms after the end, and a mission is selected all the same: that one recorded nothing."""
+    story = at("MISSION_ENDED")
+    story.say(armed=True, mode="STABILIZED").after(1.0).look().select()
+    story.expect("PILOT")
+    story.vehicle.says.clear()
+    story.after(2.0)
+    story.user("acknowledge")
+    story.expect("MISSION_ENDED")
+    assert "StopRecording" not in story.requests

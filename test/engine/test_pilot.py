@@ -276,13 +276,16 @@ def test_a_takeoff_that_comes_after_it_was_cancelled_is_landed():
     assert story.motions[:1] == ["LAND"]
 
 
-@pytest.mark.parametrize("heard", ["the node is dead", "the link is dead"])
+@pytest.mark.parametrize("heard", ["the node is dead", "the link is dead", "the node is new"])
 def test_a_vehicle_that_fell_silent_in_the_pilots_hands_may_be_given_up(heard):
     """As after a crash: its last word was that it flies, and there will be no other one."""
     story = at("PILOT")
     story.say(armed=True, landed=ev.VehicleLanded.IN_AIR).look()
     if heard == "the node is dead":
         story.silent.append("autopilot")
+        story.after(29.0)
+    elif heard == "the node is new":
+        story.say(armed=None, landed=ev.VehicleLanded.UNKNOWN, mode="", link_age_s=None)
         story.after(29.0)
     else:
         story.say(link_age_s=29.0)

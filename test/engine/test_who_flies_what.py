@@ -199,3 +199,51 @@ def test_a_signal_to_end_while_a_flight_only_seems_over_is_answered_when_it_goes
     story.after(1.0)
     assert story.place[0] == "LAND"
     assert "AutopilotLand" in story.motions
+
+
+@pytest.mark.parametrize("command", ["land", "abort"])
+def test_a_landing_that_the_user_asks_for_while_a_flight_only_seems_over_is_answered_when_it_goes_on(command):
+    story = in_mission()
+    story.silent.append("landing")
+    story.after(1.2)
+    story.say(armed=False, landed=GROUND, height_m=0.9)
+    story.after(0.7)
+    assert not story.state.flight.active
+    assert story.user(command) == ("ALREADY", "It seems to have landed; it is landed if it has not.")
+    assert story.motions == []
+    story.vehicle.says.clear()
+    story.after(1.0)
+    assert story.place[0] == "LAND"
+    assert "LAND" in story.motions
+
+
+def test_a_landing_that_was_asked_for_while_a_flight_seemed_over_is_no_matter_after_it():
+    story = in_mission()
+    story.silent.append("landing")
+    story.after(1.2)
+    story.say(armed=False, landed=GROUND, height_m=0.0)
+    story.after(0.7)
+    story.user("land")
+    story.after(12.0)
+    assert story.place[0] not in ("MISSION", "LAND")
+    assert (story.motions, story.state.land_deferred) == ([], False)
+
+
+@pytest.mark.parametrize("why", ["the user", "a component"])
+def test_what_lands_while_it_holds_is_not_resumed(why):
+    """The planner ends its hold with a landing of its own."""
+    story = at("HOLD holding")
+    if why == "the user":
+        story = in_mission()
+        story.user("hold")
+        story.until("HOLD", "holding", limit_s=5.0)
+    story.planner.phase = ev.MissionPhase.LANDING
+    story.planner.says["phase"] = ev.MissionPhase.LANDING
+    story.say(mode="AUTO.LAND", landed=ev.VehicleLanded.LANDING)
+    story.after(0.5).look()
+    if why == "the user":
+        assert story.user("resume") == ("REFUSED", "A landing is not interrupted.")
+    else:
+        story.fail("lrf", 1)
+        story.after(1.0)
+    assert "RESUME" not in story.motions

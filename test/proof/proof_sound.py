@@ -260,10 +260,15 @@ def _(s: EngineState) -> bool:
 
 @_is("What is down is not in the air; what has taken the vehicle over is noted no longer than it is said.")
 def _(s: EngineState) -> bool:
-    noted = (
-        s.flight.takeover_noted and s.vehicle.takeover is None and s.state in FLIGHT and s.step is not Step.TOUCHDOWN
-    )
+    flies = s.state in FLIGHT and s.step is not Step.TOUCHDOWN
+    denied = s.vehicle.takeover is None and not _unheard(s)
+    noted = s.flight.takeover_noted and denied and flies
     return (s.vehicle.down is None or (s.vehicle.aloft is None and s.vehicle.motors is None)) and not noted
+
+
+def _unheard(s: EngineState) -> bool:
+    """Tell whether the engine was started again in flight, and has not heard the vehicle yet."""
+    return s.flight.active and s.peers.autopilot is None
 
 
 @_is("What is armed is not disarmed, and what is down is.")
@@ -272,9 +277,10 @@ def _(s: EngineState) -> bool:
     return (at.motors is None or at.disarmed is None) and (at.down is None or at.disarmed is not None)
 
 
-@_is("A landing is put off only while somebody else seems to have control of a flight.")
+@_is("A landing is put off only while it is not clear who has control of a flight, or whether it is over.")
 def _(s: EngineState) -> bool:
-    return not s.land_deferred or (s.vehicle.takeover is not None and s.state in FLIGHT)
+    clear = s.vehicle.takeover is None and not _unheard(s) and s.flight.active
+    return not s.land_deferred or not clear
 
 
 @_is("The last command is the one that the step is about.")

@@ -232,6 +232,14 @@ _ALL: Tuple[World, ...] = (
         stop=(State.MISSION, State.HOLD, *_GROUNDED, State.PILOT),
     ),
     World(
+        name="lift-off unsaid",
+        words="it is armed, and whether it has left the ground is not said",
+        seeds=(script(f"{_ARMING} reply:motion:ACCEPTED beat vehicle:armed"),),
+        scenes={"armed": ("lifting",), "lifting": ("flying",), "flying": ()},
+        anytime=("armed_landed?",),
+        stop=(State.MISSION, State.HOLD, *_GROUNDED, State.PILOT),
+    ),
+    World(
         name="late arming",
         words="a takeoff that is called off before the vehicle shows that it is armed, and arms all the same",
         seeds=(script(f"{_ARMING} user:abort"), script(f"{_ARMING} user:land")),

@@ -163,8 +163,13 @@ class Context:
         return status if fresh else None
 
     def silent_for(self, limit_ns: int) -> bool:
-        """Return True when neither the autopilot's status nor the vehicle behind it was heard for so long."""
-        heard = [each for each in (self.state.peers.autopilot_ns, self.state.peers.link_ns) if each is not None]
+        """Return True when neither the autopilot's status nor the vehicle behind it was heard for so long.
+
+        A node that was started again and has never heard the vehicle says that nothing is known of it.
+        """
+        peers = self.state.peers
+        vehicle_ns = peers.vehicle_unknown_ns if peers.link_ns is None else peers.link_ns
+        heard = [each for each in (peers.autopilot_ns, vehicle_ns) if each is not None]
         return not heard or self.now - min(heard) >= limit_ns
 
     def armed(self) -> bool:
@@ -215,7 +220,15 @@ class Context:
 
     def suspected(self) -> bool:
         """Return True while it is not clear whether somebody else has control: nothing is commanded meanwhile."""
-        return self.state.vehicle.takeover is not None and self.vehicle() is not None and not self.taken()
+        doubted = self.state.vehicle.takeover is not None and self.vehicle() is not None and not self.taken()
+        return doubted or self.unheard()
+
+    def unheard(self) -> bool:
+        """Return True after a restart in flight until the autopilot is heard, or lost: who has control is not known."""
+        peers = self.state.peers
+        if not self.state.flight.active or peers.autopilot is not None or peers.autopilot_ns is None:
+            return False
+        return self.now - peers.autopilot_ns <= self.limits.autopilot_status_limit_ns
 
     def lands(self) -> bool:
         """Return True when it is landing, whoever lands it: a hold must not interrupt that."""

@@ -68,12 +68,14 @@ CONDITIONS: Mapping[str, Callable[[Context], bool]] = {
 }
 
 _DONE, _NO, _SO = AnswerKind.DONE, AnswerKind.REFUSED, AnswerKind.ALREADY
+_FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD)
 _BEFORE = (State.PREFLIGHT, State.READY, State.START_RECORDING, State.LOAD_MISSION)
 _END = (Case(_DONE, "Given up: no takeoff."),)
 _NO_HOLD = (Case(_NO, "It is landing: a hold never interrupts that.", "landing"),)
 _LANDING = (Case(_SO, "It is landing."),)
 _PILOT = (Case(_NO, "The pilot or the autopilot has control; nothing is commanded."),)
 _UNKNOWN_END = "Acknowledged; whether it has landed and is disarmed is not known."
+_SEEMS_OVER = Case(_SO, "It seems to have landed; it is landed if it has not.")
 _UNDER_WAY = (Case(_SO, "The mission is under way."),)
 
 OTHERWISE: Mapping[UserCommand, str] = {
@@ -133,6 +135,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.TAKEOFF: (Case(_SO, "Nothing is held."),),
         State.MISSION: (Case(_SO, "Nothing is held."),),
         State.HOLD: (
+            Case(_NO, "A landing is not interrupted.", "landing"),
             Case(_NO, "A component is waited for.", "a component is waited for"),
             Case(_DONE, "Resuming.", "the user holds"),
             Case(_SO, "It resumes by itself."),
@@ -141,13 +144,13 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.PILOT: _PILOT,
     },
     UserCommand.LAND: {
-        State.TAKEOFF: (Case(_DONE, "Landing.", "in flight"), Case(_SO, "It has landed.")),
+        State.TAKEOFF: (Case(_DONE, "Landing.", "in flight"), _SEEMS_OVER),
         State.MISSION: (
             Case(_DONE, "On the ground: no further takeoff.", "between files"),
             Case(_DONE, "Landing.", "in flight"),
-            Case(_SO, "It has landed."),
+            _SEEMS_OVER,
         ),
-        State.HOLD: (Case(_DONE, "Landing.", "in flight"), Case(_SO, "It has landed.")),
+        State.HOLD: (Case(_DONE, "Landing.", "in flight"), _SEEMS_OVER),
         State.LAND: _LANDING,
         State.PILOT: _PILOT,
     },
@@ -156,14 +159,14 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.TAKEOFF: (
             Case(_SO, "The takeoff is being cancelled.", "being cancelled"),
             Case(_DONE, "Aborting.", "in flight"),
-            Case(_SO, "It has landed."),
+            _SEEMS_OVER,
         ),
         State.MISSION: (
             Case(_DONE, "On the ground: no further takeoff.", "between files"),
             Case(_DONE, "Landing.", "in flight"),
-            Case(_SO, "It has landed."),
+            _SEEMS_OVER,
         ),
-        State.HOLD: (Case(_DONE, "Landing.", "in flight"), Case(_SO, "It has landed.")),
+        State.HOLD: (Case(_DONE, "Landing.", "in flight"), _SEEMS_OVER),
         State.LAND: _LANDING,
         State.PILOT: _PILOT,
         State.OUTREACH: (Case(_NO, "Nothing flies: retry or give up."),),
@@ -252,15 +255,21 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
 
 
 def _seems_over(state: EngineState) -> bool:
-    """Return True while a flight seems over that may go on yet: told to end then, it is not forgotten."""
-    return not state.flight.active and state.state in (State.TAKEOFF, State.MISSION, State.HOLD)
+    """Return True while a flight seems over that may go on yet: told to end or to land then, it is not forgotten."""
+    return not state.flight.active and state.state in _FLIGHT
 
 
 def _take_up(context: Context) -> None:
-    """Take up a landing that the user asked for while it was not clear who has control; in a pilot's hands none is."""
-    if context.state.land_deferred and not context.suspected():
+    """Take up a landing that the user asked for while it was not clear who has control, or whether it has landed.
+
+    In a pilot's hands there is none, and none after the flight.
+    """
+    state = context.state
+    unclear = context.suspected() or (_seems_over(state) and state.step is not Step.TOUCHDOWN)
+    if state.land_deferred and not unclear:
         context.set(land_deferred=False)
-        context.user = context.user if context.taken() else UserCommand.LAND
+        lands = state.state in (*_FLIGHT, State.LAND) and not context.taken()
+        context.user = UserCommand.LAND if lands else context.user
 
 
 def _rank(command: Command) -> int:
@@ -293,6 +302,7 @@ def _answer(context: Context) -> None:
     elif isinstance(event, UserRequest) and context.user is not event.command:
         case = _ASKED_BEFORE
     elif case.answer is not AnswerKind.DONE:
+        context.set(land_deferred=case is _SEEMS_OVER or context.state.land_deferred)
         context.consume()
     context.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
     lands = isinstance(event, UserRequest) and event.command in _LANDS and case.answer is not AnswerKind.REFUSED

@@ -62,7 +62,7 @@ def begin_session(context: Context) -> None:
 
 def forget_mission(context: Context) -> None:
     """Be ready for the next selection."""
-    context.set(session=Session(), preflight=Preflight(), failures=())
+    context.set(session=Session(), preflight=Preflight(), recording=Recording(), failures=())
 
 
 def preflight(context: Context) -> None:
@@ -285,6 +285,12 @@ def disarm(context: Context) -> None:
     """Disarm on the ground."""
     context.send(AutopilotDisarm(id=context.take_id(), limit_ns=context.limits.command_reply_limit_ns))
     context.put("landing", disarm_sent_ns=context.now)
+
+
+def give_up_landing(context: Context) -> None:
+    """Take what is heard of the vehicle from now on as after a start: in the air, it is landed."""
+    context.set(armed_at_start=None)
+    context.put("vehicle", down=None, aloft=None, motors=None, disarmed=None)
 
 
 def pilot(context: Context) -> None:

@@ -87,7 +87,8 @@ def takeover_begins(context: Context) -> Optional[Seen]:
 
 def takeover_denied(context: Context) -> Optional[Seen]:
     """Somebody else seemed to have control, and the vehicle answers to us."""
-    return holds_if(context.state.flight.takeover_noted and context.state.vehicle.takeover is None)
+    denied = context.state.vehicle.takeover is None and not context.unheard()
+    return holds_if(context.state.flight.takeover_noted and denied)
 
 
 def _taken(context: Context) -> Seen:

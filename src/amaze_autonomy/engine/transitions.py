@@ -137,7 +137,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("disarm_after_mission", (FLYING,), both(flight.planner_in(MissionPhase.LANDING, MissionPhase.LANDED), flight.ground_armed), None, "disarm", {}, do.disarm, "the planner lands or has landed, and it stays armed on the ground"),
     T("mission_complete", (FLYING,), both(flight.file_done, flight.last_leg), CLEANUP, "data_cleanup", {"session.result": Result.COMPLETE}, words="last waypoint done, landed and disarmed"),
     T("touchdown", (FLYING,), flight.file_done, TOUCHDOWN, "touchdown", words="a file is done, landed and disarmed; more are to come"),
-    T("landing_given_up", (State.LAND,), both(user(UserCommand.ACKNOWLEDGE), flight.nobody_knows), CLEANUP, "landing_given_up", words="the pilot was alarmed, the vehicle is silent, and a person ends the mission"),
+    T("landing_given_up", (State.LAND,), both(user(UserCommand.ACKNOWLEDGE), flight.nobody_knows), CLEANUP, "landing_given_up", _EARLY, do.give_up_landing, words="the pilot was alarmed, the vehicle is silent, and a person ends the mission"),
     T("landed", (State.LAND,), flight.touched_down, CLEANUP, "data_cleanup", words="landed and disarmed"),
     T("cancelled_by_landing", (State.LAND,), flight.cancelled_on_ground, CLEANUP, "data_cleanup", _NOT_FLOWN, words="never armed, and the landing was accepted"),
     T("landed_unexpectedly", (CLIMBING, FLYING, State.HOLD), both(flight.touched_down, timer("confirm_limit")), CLEANUP, "data_cleanup", _EARLY, words="landed and disarmed, the planner does not say that the mission is done"),
@@ -188,7 +188,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("hold_repeated", (CONFIRMING,), both(flight.in_flight, timer("hold_repeat_after"), flight.hold_not_repeated, negated(flight.lands), negated(flight.on_the_ground)), None, "", {}, do.hold_again, "nothing shows the hold: asked again, once"),
     T("hold_flown_on", (HOLDING,), both(flight.in_flight, flight.moves_on, negated(flight.lands), negated(flight.on_the_ground)), CONFIRMING, "hold_not_kept", words="it flies on although the planner says that it holds"),
     T("hold_not_kept", (HOLDING,), both(flight.in_flight, flight.planner_in(MissionPhase.FLYING, MissionPhase.TAKING_OFF), negated(flight.lands), negated(flight.on_the_ground)), CONFIRMING, "hold_not_kept", words="the planner does not hold any more"),
-    T("resume", (HOLDING,), both(flight.nothing_waited_for, flight.vehicle_known, negated(flight.on_the_ground)), RESUMING, "resuming", words="nothing is waited for any more, and the vehicle is heard"),
+    T("resume", (HOLDING,), both(flight.nothing_waited_for, flight.vehicle_known, negated(flight.lands), negated(flight.on_the_ground)), RESUMING, "resuming", words="nothing is waited for any more, the vehicle is heard, and it does not land"),
     T("takeoff_resumed", (RESUMING,), both(flight.interrupted(State.TAKEOFF), _PLANNER_GOES_ON), CLIMBING, "resumed_flight", words="the planner goes on; a takeoff was interrupted"),
     T("mission_resumed", (RESUMING,), both(flight.interrupted(State.MISSION), _PLANNER_GOES_ON), FLYING, "resumed_flight", words="the planner goes on; the mission was interrupted"),
     # the way of a nominal mission

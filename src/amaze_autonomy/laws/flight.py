@@ -317,9 +317,13 @@ def _not_ours(m: Moment) -> bool:
 _ANY_OF_OURS = frozenset(mode for modes in OURS.values() for mode in modes)
 
 
-@law("4.3", "A landing that was asked for while control was in doubt goes out when the doubt is over.", always=True)
+@law(
+    "4.3",
+    "A landing that was asked for in doubt, of control or of the flight's end, goes out when it is over.",
+    always=True,
+)
 def a_landing_asked_for_is_not_forgotten(m: Moment) -> Verdict:
-    if not m.before.land_deferred or m.in_doubt or m.before.state not in FLIGHT:
+    if not m.before.land_deferred or m.in_doubt or m.before.state not in FLIGHT or not m.after.flight.active:
         return None
     return _is_landed_for(m, "the user asked for it")
 

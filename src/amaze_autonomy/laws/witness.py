@@ -156,6 +156,8 @@ class Witness:
     def silent_ns(self) -> int:
         """Return for how long neither the autopilot's status nor the vehicle behind it was heard."""
         link_s = self.vehicle.link_age_s if self.vehicle is not None else None
+        if self.vehicle is not None and link_s is None and self.unknown_ns is not None:
+            return self.now - min(self.vehicle_ns, self.unknown_ns)  # the node has never heard it
         return self.now - self.vehicle_ns + int((link_s or 0.0) * _SECOND)
 
     def is_unknown(self, limits: Limits) -> bool:
