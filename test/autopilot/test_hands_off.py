@@ -249,6 +249,7 @@ TAKES = {
     "a pilot's hold": pilot_chooses(LOITER),
     "a failsafe's return": failsafe("AUTO.RTL"),
     "a failsafe's hold": failsafe(LOITER),
+    "a pilot's sticks under the flag": failsafe("ALTCTL", pilot=True),
 }
 
 
@@ -263,6 +264,79 @@ def test_told_to_end_the_planner_does_not_land_over_who_has_control(mission, kin
     assert found.planner.shutdown(found.t_ns) == (False, ())
     found.run(2 * S)
     assert (found.since(told_ns), found.craft.mode) == ([], mode)
+
+
+def without_transmitter(found, *, heard=True):
+    """Have SYS_STATUS say that no transmitter is heard; not heard: it does not come."""
+    receive, rc = found.planner.receive, mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+
+    def told(t_ns, message, **how):
+        if message.get_type() == "SYS_STATUS":
+            if not heard:
+                return ()
+            message = mavlink.MAVLink_sys_status_message(0, rc, 0, *[0] * 10)
+        return receive(t_ns, message, **how)
+
+    found.planner.receive = told
+
+
+@EACH
+@BOTH
+def test_a_pilot_s_sticks_under_the_flag_are_not_landed_over_also_when_he_switches_back_to_them(mission, kind):
+    """A low battery: the flag stays up while he flies."""
+    found = flying(mission, kind)
+    failsafe("ALTCTL", pilot=True)(found.craft)
+    found.run(2 * S)
+    words, told_ns = "the pilot has control (mode ALTCTL)", found.t_ns
+    assert [found.command(action) for action in (A.LAND, A.ABORT, A.HOLD)] == [words] * 3
+    assert found.status.message == words
+    found.craft.fall_into(LAND)
+    found.run(2 * S)
+    found.craft.fall_into("ALTCTL")
+    found.run(2 * S)
+    assert (found.since(told_ns), found.craft.mode) == ([], "ALTCTL")
+
+
+@EACH
+def test_a_landing_in_a_mode_of_the_sticks_ends_when_a_transmitter_is_heard_again(kind):
+    found = flying(kind=kind)
+    receive = found.planner.receive
+    without_transmitter(found)
+    found.craft.enter_failsafe("ALTCTL")
+    found.craft.flags.ignores = (LAND,)
+    found.run(4 * S)
+    assert found.command(A.LAND) == ""
+    found.run(S)
+    assert set(found.since(found.t_ns - S)) == {LAND}
+    found.craft.pilot, found.planner.receive = True, receive
+    found.run(2 * S)
+    taken_ns = found.t_ns
+    found.run(2 * S)
+    assert (found.since(taken_ns), found.status.message) == ([], "the pilot has control (mode ALTCTL)")
+
+
+@EACH
+@BOTH
+@pytest.mark.parametrize("heard", [True, False], ids=["heard", "not heard"])
+@pytest.mark.parametrize("told_to_end", [True, False])
+def test_in_a_mode_of_the_sticks_that_a_failsafe_chose_it_lands_where_no_transmitter_is_heard(
+    mission, kind, heard, told_to_end
+):
+    found = flying(mission, kind)
+    without_transmitter(found, heard=heard)
+    found.run(4 * S)
+    found.craft.enter_failsafe("ALTCTL")
+    found.until(lambda: found.planner.watch.failsafe, 2 * S)
+    if told_to_end:
+        lands, messages = found.planner.shutdown(found.t_ns)
+        found.channel.ours(messages)
+        assert lands
+    else:
+        refused = "a pilot may have control (mode ALTCTL): whether a transmitter is heard is not known yet"
+        assert found.command(A.LAND) == ("" if heard else refused)
+        found.run(0 if heard else 3500 * MS)
+        assert found.command(A.LAND) == ""
+    found.until(lambda: found.craft.mode == LAND, 5 * S)
 
 
 @EACH

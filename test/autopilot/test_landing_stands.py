@@ -55,7 +55,7 @@ def test_a_takeoff_does_not_go_on_by_itself_after_a_silence_and_says_so(mission,
     flying.join()
     flying.run(6 * S)
     assert flying.since(heard_ns) == []
-    ended = ("takeoff ended: the vehicle was silent for 3 s", "the autopilot flies by itself (mode POSCTL)")
+    ended = ("takeoff ended: the vehicle was silent for 3 s", "the pilot has control (mode POSCTL)")
     assert (flying.phase, flying.status.message in ended) == (P.FAILED, True), flying.status
 
 

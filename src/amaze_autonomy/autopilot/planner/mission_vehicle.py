@@ -16,6 +16,7 @@ from ..link.dialect import Message, mavlink, source_of
 from ..vehicle.agreement import Agreement, Ground
 from ..vehicle.modes import LAND, Control, Heartbeat, is_foreign, is_piloted, mode_name, mode_number
 from ..vehicle.texts import Texts
+from ..vehicle.vehicle import SystemStatus
 from .mission_upload import Dialect
 
 _S = 1_000_000_000
@@ -29,7 +30,7 @@ _LANDED = {
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
 _RELATIVE, _ABSOLUTE = mavlink.ESTIMATOR_POS_HORIZ_REL, mavlink.ESTIMATOR_POS_HORIZ_ABS
-_ESTIMATE_AGE_NS = 3 * _S
+_ESTIMATE_AGE_NS = _SYSTEM_AGE_NS = 3 * _S
 _ARDUPILOT_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED  # PX4 sets the first at rest, too
 _OTHERS = {
     Dialect.PX4: ("EKF_STATUS_REPORT", "HEARTBEAT"),  # it beats at 1 Hz, and refuses to be asked
@@ -98,6 +99,7 @@ class VehicleWatch:
         self.total: Optional[int] = None  # items of the mission that it has; None: it does not say
         self.reached: Optional[int] = None
         self.texts = Texts()
+        self._system = SystemStatus(_SYSTEM_AGE_NS)
         self.results: Dict[int, str] = {}
 
     def take(self, t_ns: int, message: Message, *, heard: bool = True) -> None:
@@ -157,16 +159,36 @@ class VehicleWatch:
 
     @property
     def pilot(self) -> bool:
-        """True in a mode that pilots choose or that is never ours, a return among them, unless a failsafe chose it."""
-        return is_foreign(self.mode) and not self.failsafe
+        """True in a mode that pilots choose or that is never ours, a return among them, unless a failsafe chose it.
+
+        In a mode of the sticks that shows under the flag a pilot flies where a transmitter is heard.
+        """
+        return is_foreign(self.mode) and (not self.failsafe or (is_piloted(self.mode) and bool(self._transmitter)))
+
+    @property
+    def may_be_pilot(self) -> bool:
+        """True in a mode of the sticks under the flag, for as long as what says whether a transmitter is heard counts.
+
+        Where nothing has said it by then the failsafe is taken to have chosen that mode, as it does when a transmitter
+        is lost: a vehicle that nobody flies is landed.
+        """
+        since_ns = self._others.since_ns
+        unknown = self.failsafe and is_piloted(self.mode) and not self._system.fresh(self._heard_ns)
+        return unknown and since_ns is not None and self._heard_ns - since_ns < _SYSTEM_AGE_NS
 
     @property
     def others_fly(self) -> bool:
         """True while messages agree that a pilot flies it, in whatever mode, or that a failsafe acts.
 
-        In a pilot's mode that a failsafe chose nobody may fly it: the planner does not hear of a transmitter.
+        In a mode of the sticks under the flag nobody may fly it: there that counts where a transmitter is heard.
         """
-        return self._others.lasts(self.limits.pilot_confirm_ns)
+        sticks = self.failsafe and is_piloted(self.mode)
+        return self._others.lasts(self.limits.pilot_confirm_ns) and (not sticks or bool(self._transmitter))
+
+    @property
+    def _transmitter(self) -> Optional[bool]:
+        """Whether a transmitter is heard; of a silent vehicle, what it said last; None: not known."""
+        return self._system.rc(self._heard_ns)
 
     @property
     def in_land(self) -> bool:
@@ -217,8 +239,7 @@ class VehicleWatch:
 
     def _take_mode(self, t_ns: int, mode: str) -> None:
         self.mode, self.mode_ns = mode, t_ns
-        acts = self.control.acts_alone and not is_piloted(mode)
-        self._others.add(t_ns, so=self.control.pilot or acts)
+        self._others.add(t_ns, so=self.control.pilot or self.control.acts_alone)
         self._in_land.add(t_ns, so=mode == LAND)
         self._off_setpoints.add(t_ns, so=mode != OFFBOARD)
 
@@ -265,6 +286,9 @@ class VehicleWatch:
     def _estimator(self, t_ns: int, message: Message) -> None:
         self.estimator, self.estimator_ns = message.flags, t_ns
 
+    def _system_status(self, t_ns: int, message: Message) -> None:
+        self._system.add(t_ns, message)
+
     def _current(self, t_ns: int, message: Message) -> None:
         self.current, self.current_ns = message.seq, t_ns
         total = getattr(message, "total", 0)  # an extension: 0 of a vehicle that has it not, 65535 of one without items
@@ -291,6 +315,7 @@ _TAKES: Mapping[str, Callable[[VehicleWatch, int, Message], None]] = {
     "GLOBAL_POSITION_INT": VehicleWatch._global,  # noqa: SLF001
     "ESTIMATOR_STATUS": VehicleWatch._estimator,  # noqa: SLF001
     "EKF_STATUS_REPORT": VehicleWatch._estimator,  # noqa: SLF001 - the same bits
+    "SYS_STATUS": VehicleWatch._system_status,  # noqa: SLF001
     "MISSION_CURRENT": VehicleWatch._current,  # noqa: SLF001
     "MISSION_ITEM_REACHED": VehicleWatch._reached,  # noqa: SLF001
     "STATUSTEXT": VehicleWatch._text,  # noqa: SLF001
@@ -305,6 +330,7 @@ STREAMS: Mapping[str, float] = {
     "GLOBAL_POSITION_INT": 5.0,
     "ESTIMATOR_STATUS": 2.0,
     "EKF_STATUS_REPORT": 2.0,
+    "SYS_STATUS": 2.0,
     "HEARTBEAT": 5.0,
     "CURRENT_MODE": 10.0,
     "MISSION_CURRENT": 2.0,

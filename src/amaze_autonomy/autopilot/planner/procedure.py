@@ -306,8 +306,9 @@ class Procedure:
             return self._end(Progress.TAKEN, taken)
         if self._steps[self._number].limited and t_ns - self._since_ns >= self._spec.command_limit_ns:
             self._late(t_ns)
-        blind = not heard and self._means.watch.pilot  # the last that was heard: whether he still flies is not known
-        hands_off = taken or blind or self._shown(t_ns)
+        watch = self._means.watch
+        blind = not heard and watch.pilot  # the last that was heard: whether he still flies is not known
+        hands_off = taken or blind or (watch.armed and watch.may_be_pilot) or self._shown(t_ns)
         return self._send(t_ns) if sends and self.running and not hands_off else []
 
     def stood_still(self, duration_ns: int) -> None:

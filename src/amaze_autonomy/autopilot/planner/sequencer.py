@@ -583,6 +583,8 @@ def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
     watch = standing.watch
     if standing.known and watch.armed and watch.pilot:
         return f"the pilot has control (mode {watch.mode})"
+    if standing.known and watch.armed and watch.may_be_pilot:
+        return f"a pilot may have control (mode {watch.mode}): whether a transmitter is heard is not known yet"
     if action not in _GOOD_IN:
         return ""
     return _landed_or_silent(standing) or _out_of_place(standing, session_id, action) or _unfit(standing, action)
