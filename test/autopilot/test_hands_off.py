@@ -386,6 +386,55 @@ def test_a_landing_that_is_repeated_is_refused_while_a_pilot_returns(mission, ki
     assert (found.since(taken_ns), found.craft.mode) == ([], "AUTO.RTL")
 
 
+def held(mission, kind=PX4):
+    """Return a vehicle that holds by our command."""
+    found = flying(mission, kind)
+    assert found.command(A.HOLD) == ""
+    found.until_phase(P.HOLDING)
+    found.run(2 * S)
+    return found
+
+
+@BOTH
+def test_nothing_is_resumed_under_the_hold_of_a_failsafe_which_the_command_would_end(mission):
+    """A lost transmitter: PX4 holds for COM_FAIL_ACT_T before it returns; a mode that is commanded cancels that."""
+    found = held(mission)
+    found.craft.enter_failsafe(LOITER)
+    found.run(2 * S)
+    told_ns, words = found.t_ns, "the autopilot acts by its failsafe (mode AUTO.LOITER)"
+    assert found.command(A.RESUME) == words
+    assert mission == "line" or found.command(A.HOLD) == words
+    found.run(S)
+    assert (found.since(told_ns), found.craft.mode) == ([], LOITER)
+
+
+def test_a_resume_that_waits_ends_when_a_failsafe_holds():
+    found = held("line")
+    found.craft.flags.ignores = (MISSION,)
+    assert found.command(A.RESUME) == ""
+    found.run(S)
+    found.craft.enter_failsafe(LOITER)
+    found.until(lambda: found.planner.watch.failsafe, 2 * S)
+    told_ns = found.t_ns
+    found.run(3 * S)
+    assert found.since(told_ns + 1) == []
+    assert found.status.message == "resume ended: the autopilot acts by its failsafe (mode AUTO.LOITER)"
+
+
+@EACH
+@BOTH
+def test_a_hold_that_is_ours_is_resumed_under_a_flag_that_was_up_before_it(mission, kind):
+    """A warning of a low battery, of which nothing is made."""
+    found = flying(mission, kind)
+    Liar(found.planner, copter=kind is ARDUPILOT).always(("status", CRITICAL))
+    found.run(1500 * MS)
+    assert found.command(A.HOLD) == ""
+    found.until_phase(P.HOLDING)
+    found.run(2 * S)
+    assert found.command(A.RESUME) == ""
+    found.until_phase(P.FLYING)
+
+
 @EACH
 def test_a_vehicle_that_leaves_our_mission_for_a_hold_by_itself_is_landed_when_asked(kind):
     found = flying(kind=kind)

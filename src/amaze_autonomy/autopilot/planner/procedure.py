@@ -367,6 +367,13 @@ class Procedure:
         if watch.armed and not self._persistent and (watch.mode in LANDING_MODES or watch.lands):
             told_ns = mode_ns if watch.mode in LANDING_MODES else watch.landed_ns or 0
             return f"the vehicle lands (mode {watch.mode})", told_ns
+        if (
+            self.action is MissionAction.RESUME
+            and watch.armed
+            and watch.control.may_wait
+            and not is_foreign(watch.mode)
+        ):
+            return f"the autopilot acts by its failsafe (mode {watch.mode})", mode_ns
         if watch.mode == self._start_mode:  # a vehicle stands in any mode before it is armed
             taken = bool(watch.armed) and watch.pilot
         else:

@@ -610,6 +610,9 @@ def _unfit(standing: Standing, action: MissionAction) -> str:
     watch, takes_off = standing.watch, action is _A.TAKEOFF
     if watch.armed and is_foreign(watch.mode):
         return f"the autopilot flies by itself (mode {watch.mode})"
+    control = watch.control
+    if not takes_off and (control.acts_alone or (action is _A.RESUME and control.may_wait)):
+        return f"the autopilot acts by its failsafe (mode {watch.mode})"
     if not takes_off and (watch.mode in LANDING_MODES or watch.lands):
         return f"the vehicle lands (mode {watch.mode})"
     if takes_off and standing.other:

@@ -222,11 +222,13 @@ class Control:
         self._confirmed = False
         self._before: Optional[str] = None
         self._hold_is_ours = False  # one that shows under the flag
+        self._flag_in_hold = False  # it came up while the vehicle held, and it holds since
         self._flown = False  # armed since it was commanded: a mode to arm in is commanded before
 
     def add(self, beat: Heartbeat) -> None:
         """Take a heartbeat; of two in a row that say so it is disarmed again, and what was commanded is over."""
         over = not beat.armed and (self.beat is None or not self.beat.armed)
+        flagged = self.beat is not None and self.beat.status in _FAILSAFE
         self.beat, self.mode_ns = beat, beat.t_ns
         if over and self._flown:
             self._commanded, self._confirmed = None, False
@@ -238,6 +240,8 @@ class Control:
             self._hold_is_ours = True
         elif is_foreign(beat.mode):
             self._hold_is_ours = False
+        rose = beat.status in _FAILSAFE and not flagged
+        self._flag_in_hold = beat.status in _FAILSAFE and beat.mode == HOLD and (rose or self._flag_in_hold)
 
     def add_mode(self, t_ns: int, custom_mode: int) -> bool:
         """Take the mode of a CURRENT_MODE, after the first heartbeat; return whether it is another one."""
@@ -284,6 +288,16 @@ class Control:
         if beat.mode == HOLD:
             return not self._hold_is_ours and not self._is_commanded(HOLD)
         return is_foreign(beat.mode)
+
+    @property
+    def may_wait(self) -> bool:
+        """Whether a failsafe acts alone, or may have taken our hold for its own: PX4 holds before it returns.
+
+        Any mode that is commanded then is the user's takeover to it, and ends the failsafe.
+        """
+        beat = self.beat
+        waits = beat is not None and beat.mode == HOLD and self._flag_in_hold and self.failsafe
+        return self.acts_alone or waits
 
     @property
     def pilot(self) -> bool:
