@@ -69,6 +69,32 @@ def test_a_defect_in_what_is_observed_costs_nothing_else(link, vehicle):
     assert any("ZeroDivisionError" in each for each in told)
 
 
+def test_a_defect_of_the_link_itself_is_said_once_and_the_link_opens_again(link, vehicle):
+    told, client, vehicle.to = [], Recorder(), free_port()
+    connection = link(f"udpin:127.0.0.1:{vehicle.to}", client, complain=told.append)
+    wait_until(lambda: connection.state.opened)
+    port, problems, left = connection._port, [], [-1, -1]
+    number = port.fileno
+    port.fileno = lambda: left.pop() if left else number()
+    wait_until(lambda: problems.append(connection.state.problem) or not left)
+    wait_until(lambda: connection.state.opened)
+    vehicle.say(beat())
+    assert connection.wait_for(lambda: client.heard, 5.0)
+    assert (len(told), connection.state.errors) == (1, 2)
+    assert "ValueError" in told[0]
+
+
+def test_while_the_link_waits_nobody_has_closed_what_it_waits_for(link, vehicle):
+    """What fails on another thread closes the port: its number is taken under the same lock."""
+    vehicle.to = free_port()
+    connection = link(f"udpin:127.0.0.1:{vehicle.to}")
+    wait_until(lambda: connection.state.opened)
+    number, locked = connection._port.fileno, []
+    connection._port.fileno = lambda: locked.append(connection._changed._is_owned()) or number()
+    wait_until(lambda: len(locked) > 3)
+    assert all(locked)
+
+
 def test_a_link_that_waits_answers_where_the_vehicle_speaks_from(link, vehicle):
     client, vehicle.to = Recorder(), free_port()
     connection = link(f"udpin:127.0.0.1:{vehicle.to}", client)

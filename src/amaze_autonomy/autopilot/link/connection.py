@@ -152,7 +152,7 @@ class LinkState(NamedTuple):
         refused: frames without a good signature.
         unsent: messages that could not be sent.
         doubles: messages from somebody who uses our own address.
-        errors: exceptions of the client.
+        errors: exceptions of the client, and of the link itself.
     """
 
     opened: bool
@@ -259,7 +259,10 @@ class Connection(ClientHost):
     def _run(self) -> None:
         try:
             while not self._ended:
-                self._step()
+                try:
+                    self._step()
+                except Exception as error:  # noqa: BLE001 - whatever it is: a vehicle that flies is not left for it
+                    self._begin_anew(f"{type(error).__name__}: {error}")
         finally:
             with self._changed:
                 self._drop("closed")
@@ -274,13 +277,25 @@ class Connection(ClientHost):
             self._open(monotonic_ns)
         with self._changed:
             self._keep(monotonic_ns)
-        readable, nudged = wait_readable(self._port, self._reader, (self._next_ns() - time.monotonic_ns()) / _S)
+            port, writes = self._port.fileno(), self._port.blocked  # another thread may close it meanwhile
+        readable, nudged = wait_readable(
+            port, self._reader, (self._next_ns() - time.monotonic_ns()) / _S, writes=writes
+        )
         if nudged:
             os.read(self._reader, 4096)
         with self._changed:
             self._attempt(self._port.flush)
             if readable:
                 self._attempt(self._read)
+
+    def _begin_anew(self, defect: str) -> None:
+        """Say what is wrong in the link itself, and close the port: a moment later it is opened again."""
+        with self._changed:
+            self._errors += 1
+            self._say(defect)
+            self._drop(defect)
+            self._open_ns = time.monotonic_ns() + _REOPEN_NS
+        time.sleep(_WAKE_NS / _S)  # a defect that stays takes no whole core
 
     def _next_ns(self) -> int:
         return min(self._beat_ns, self._wake_ns, self._open_ns if self._problem else self._wake_ns)

@@ -415,11 +415,18 @@ def make_port(endpoint: Endpoint) -> Port:
     return _PORTS[endpoint.kind](endpoint)
 
 
-def wait_readable(port: Port, waker: int, limit_s: float) -> Tuple[bool, bool]:
-    """Wait until a port or a pipe can be read, or a time has passed; return which of the two."""
-    poller, fd = select.poll(), port.fileno()
+def wait_readable(fd: Optional[int], waker: int, limit_s: float, *, writes: bool) -> Tuple[bool, bool]:
+    """Wait until a port or a pipe can be read, or a time has passed; return which of the two.
+
+    Args:
+        fd: of the port; None: it is closed.
+        waker: of the pipe.
+        limit_s: the time.
+        writes: the port has something to send, and is waited for until it takes it.
+    """
+    poller = select.poll()
     poller.register(waker, select.POLLIN)
     if fd is not None:
-        poller.register(fd, select.POLLIN | (select.POLLOUT if port.blocked else 0))
+        poller.register(fd, select.POLLIN | (select.POLLOUT if writes else 0))
     ready = [number for number, _ in poller.poll(max(0.0, limit_s) * 1e3)]
     return fd in ready, waker in ready
