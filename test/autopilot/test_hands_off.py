@@ -436,6 +436,18 @@ def test_a_hold_that_is_ours_is_resumed_under_a_flag_that_was_up_before_it(missi
 
 
 @EACH
+def test_told_to_end_it_says_whose_the_landing_is_when_a_pilot_takes_it(kind):
+    found = flying(kind=kind)
+    lands, messages = found.planner.shutdown(found.t_ns)
+    found.channel.ours(messages)
+    found.craft.flags.ignores = (LAND,)
+    assert (lands, found.planner.landing_taken) == (True, "")
+    found.craft.pilot_takes_over("POSCTL", 600 * S)
+    found.until(lambda: found.planner.landing_shown, 4 * S)
+    assert found.planner.landing_taken == "land ended: the vehicle went to POSCTL by itself"
+
+
+@EACH
 def test_a_vehicle_that_leaves_our_mission_for_a_hold_by_itself_is_landed_when_asked(kind):
     found = flying(kind=kind)
     found.craft.fall_into(LOITER)

@@ -305,6 +305,13 @@ class Sequencer:
         ended = self._procedure is not None and not self._procedure.running and self._doing(*_LANDINGS)
         return self._phase not in IN_FLIGHT or ended
 
+    @property
+    def landing_taken(self) -> str:
+        """Who has taken the vehicle from its landing, in words; empty: nobody."""
+        procedure = self._procedure
+        taken = procedure is not None and procedure.progress is Progress.TAKEN and self._doing(*_LANDINGS)
+        return procedure.reason if procedure is not None and taken else ""
+
     # --- what the vehicle does ------------------------------------------------------------------------------------
 
     @property

@@ -194,7 +194,8 @@ class MissionPlannerNode:
         with suppress(rospy.ROSException):  # the master has closed the topic
             self._publisher.publish(status_message(lands, self._clock.ros_ns()))  # it is no pilot who lands
         shown = self._link.wait_for(lambda: self.planner.landing_shown, self._exit_s)
-        said = "the vehicle lands" if shown else "a landing was commanded and is not confirmed"
+        taken: str = self._link.ask(lambda _: (self.planner.landing_taken, ()))
+        said = taken or ("the vehicle lands" if shown else "a landing was commanded and is not confirmed")
         print(f"mission_planner: ended in flight: {said}", flush=True)
 
     def end(self) -> None:
