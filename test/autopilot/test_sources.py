@@ -21,13 +21,13 @@ S, MS = 1_000_000_000, 1_000_000
 HERE, THERE = ("10.0.0.1", 14550), ("10.0.0.2", 14550)
 
 
-def say(sources, t_s, place=HERE, sequence=None, boot_s=None, state=None):
+def say(sources, t_s, place=HERE, sequence=None, boot_s=None, state=None, armed=None):
     """Let a source say something; its number follows its last one."""
     state = state if state is not None else say.numbers
     number = state.get(place, -1) + 1 if sequence is None else sequence
     state[place] = number % 256
     boot_ms = None if boot_s is None else round((t_s - boot_s) * 1000)
-    return sources.take(round(t_s * S), place, number % 256, boot_ms)
+    return sources.take(round(t_s * S), place, number % 256, boot_ms, armed=armed)
 
 
 @pytest.fixture(autouse=True)
@@ -78,6 +78,31 @@ def test_in_flight_a_vehicle_that_has_moved_to_another_address_is_known_by_its_b
     moved = ("10.0.0.3", 1)
     heard = [say(sources, 7.0 + tick / 10, moved, boot_s=-100.02) for tick in range(5)]
     assert heard == [False, False, True, True, True]
+
+
+@pytest.mark.parametrize(
+    "boot_s, armed, believed",
+    [(50.0, False, True), (50.0, True, False), (50.0, None, False), (-30.0, False, False), (None, False, False)],
+    ids=["restarted", "armed", "without heartbeats", "a stranger that was on before", "nothing of its start"],
+)
+def test_a_vehicle_that_lost_its_power_while_armed_is_ours_at_another_address_too(boot_s, armed, believed):
+    sources = Sources()
+    say(sources, 0.0, boot_s=-100.0, armed=True)
+    sources.armed = True
+    heard = []
+    for tick in range(100):
+        said = {"armed": armed} if tick % 10 == 0 else {"boot_s": boot_s}
+        heard.append(say(sources, 60.0 + tick / 10, THERE, **said))
+    assert (any(heard), all(heard[10:])) == (believed, believed)
+    assert say(sources, 70.5, boot_s=-100.0) is not believed
+
+
+def test_a_vehicle_that_is_switched_on_during_a_short_silence_of_ours_in_flight_is_a_stranger():
+    sources = Sources()
+    say(sources, 0.0, boot_s=-100.0, armed=True)
+    sources.armed = True
+    assert not any(say(sources, 2.0 + tick / 10, THERE, boot_s=1.0, armed=False) for tick in range(80))
+    assert say(sources, 10.1, boot_s=-100.0) is True
 
 
 # --- one address: a router ----------------------------------------------------------------------------------------

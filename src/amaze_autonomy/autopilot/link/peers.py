@@ -59,11 +59,12 @@ class Peers:
                 self._note(source[0])
             return False
         boot_ms = getattr(message, "time_boot_ms", None)
-        if not self.sources.take(t_ns, place, message.get_seq(), boot_ms):
+        armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED) if is_heartbeat else None
+        if not self.sources.take(t_ns, place, message.get_seq(), boot_ms, armed=armed):
             return False
-        if is_heartbeat:
+        if armed is not None:
             self.heartbeat_ns = t_ns
-            self.sources.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            self.sources.armed = armed
         return self._for_us(message)
 
     def pass_over(self, t_ns: int, source: Tuple[int, int], sequence: int, place: Any) -> None:
@@ -102,8 +103,9 @@ def _is_vehicle(heartbeat: Message) -> bool:
 # one boot time. The first one heard is ours. In flight it stays ours: a stranger is never believed, and our own
 # silence is noticed although the stranger speaks. On the ground, where vehicles are exchanged and restarted, the next
 # one is ours once ours has been silent for a while. A vehicle whose address changes in flight (a router that was
-# restarted) is known by its boot time. What fits two runs alike is given to neither, unless all that came from there
-# for a while was one run: then there is one vehicle, and the other run is what lost messages left of it.
+# restarted) is known by its boot time; one that lost its power, by a start after its last word, and as disarmed. What
+# fits two runs alike is given to neither, unless all that came from there for a while was one run: then there is one
+# vehicle, and the other run is what lost messages left of it.
 
 
 _S = 1_000_000_000
@@ -121,6 +123,7 @@ _DRIFT = 4  # messages in which a later boot time counts
 _ALONE = (_NUMBERS // 4, _LASTING_NS)  # messages and time without another one between, after which two runs are one
 _ALONE_OF_ONE_BOOT = (16, 3 * _S // 10)  # likewise, of runs that say the same boot time
 _REMEMBERED_NS = 10 * _S
+_POWERLESS_NS = 10 * _S  # as long as a vehicle is silent at least whose battery is exchanged
 _SOURCES_KEPT = 8
 _AVERAGED = 16  # gaps
 _ENDED_GAPS, _ENDED_NS = 5, _S // 10  # without a word in which a run ends that another one follows
@@ -144,6 +147,7 @@ class _Run:
         self.boot_ns: Optional[int] = None  # the same, going along with a clock that runs slower than ours
         self.told_ns = t_ns  # when it was told last
         self.late_ns = 0  # by how much that message was late
+        self.armed: Optional[bool] = None  # by its last heartbeat
 
     def hear(self, t_ns: int, sequence: int, boot_ns: Optional[int]) -> None:
         if (sequence - self.sequence) % _NUMBERS < _NUMBERS - _LATE:
@@ -191,7 +195,9 @@ class Sources:
         self._unbroken: Dict[Any, _Run] = {}  # all that came from an address with more than one run, while it is one
         self.armed = False
 
-    def take(self, t_ns: int, place: Any, sequence: int, boot_ms: Optional[int] = None) -> bool:
+    def take(
+        self, t_ns: int, place: Any, sequence: int, boot_ms: Optional[int] = None, *, armed: Optional[bool] = None
+    ) -> bool:
         """Return whether a message is of our vehicle.
 
         Args:
@@ -199,6 +205,7 @@ class Sources:
             place: address it came from; None: there is only one.
             sequence: its number.
             boot_ms: since its start, when the message says so.
+            armed: what it says of that, when it is a heartbeat.
         """
         boot_ns = t_ns - boot_ms * _MS if boot_ms else None
         ours = self._ours
@@ -210,6 +217,7 @@ class Sources:
         if run is None:
             return False
         run.hear(t_ns, sequence, boot_ns)
+        run.armed = run.armed if armed is None else armed
         self._elect(t_ns, run)
         return run is self._ours
 
@@ -330,7 +338,13 @@ class Sources:
     def _replaces(self, t_ns: int, run: _Run, ours: _Run) -> bool:
         if t_ns - ours.heard_ns <= _SILENCE_NS:
             return False
-        return not self.armed or _same_boot(run, ours)
+        return not self.armed or _same_boot(run, ours) or self._came_back(t_ns, run, ours)
+
+    @staticmethod
+    def _came_back(t_ns: int, run: _Run, ours: _Run) -> bool:
+        """Return whether a run may be ours after it had lost its power while armed."""
+        started_after = run.earliest_ns is not None and run.earliest_ns > ours.heard_ns
+        return started_after and run.armed is False and t_ns - ours.heard_ns > _POWERLESS_NS
 
 
 def _same_boot(run: _Run, ours: _Run) -> bool:
