@@ -403,7 +403,16 @@ def test_nothing_is_resumed_under_the_hold_of_a_failsafe_which_the_command_would
     found.run(2 * S)
     told_ns, words = found.t_ns, "the autopilot acts by its failsafe (mode AUTO.LOITER)"
     assert found.command(A.RESUME) == words
-    assert mission == "line" or found.command(A.HOLD) == words
+    found.run(S)
+    assert (found.since(told_ns), found.craft.mode) == ([], LOITER)
+
+
+def test_a_hold_by_set_points_is_not_commanded_over_that_of_a_failsafe():
+    found = held("inside")
+    found.craft.enter_failsafe(LOITER)
+    found.run(2 * S)
+    told_ns = found.t_ns
+    assert found.command(A.HOLD) == "the autopilot acts by its failsafe (mode AUTO.LOITER)"
     found.run(S)
     assert (found.since(told_ns), found.craft.mode) == ([], LOITER)
 
