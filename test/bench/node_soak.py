@@ -29,6 +29,8 @@ from xmlrpc.client import Error, ServerProxy
 
 import numpy as np
 
+from amaze_autonomy.nodes.node_group import NODES
+
 ROOT = Path(__file__).resolve().parents[2]
 RATES_HZ = {
     "watchdog_action": 5,
@@ -40,16 +42,7 @@ RATES_HZ = {
 BATTERY = "missions.flight.endurance_s=86400"  # nobody is there to change it between two flights
 HOURS, GROWTH_FRACTION, SPARE = 12.0, 0.1, 8
 NOT_OURS = "/record_"
-ONE_COMPUTER = (
-    "/autonomy",
-    "/watchdog",
-    "/landing_detection",
-    "/state_estimation",
-    "/autopilot",
-    "/mission_planner",
-    "/data_recorder_main",
-    "node_group",
-)
+ONE_COMPUTER = ("/autonomy", "node_group", "/data_recorder_main", *(f"/{name}" for name in NODES))
 """What flies on the first computer: its drivers are simulated here, and who looks at it sits elsewhere."""
 PERIOD_S = 5.0
 END_LIMIT_S = 900.0  # it lands, merges, and decides the journal of all flights again under the laws

@@ -186,13 +186,19 @@ def test_a_planner_that_holds_unasked_is_landed_for():
     assert story.place[0] == "LAND"
 
 
-def test_a_signal_to_end_while_a_flight_only_seems_over_is_answered_when_it_goes_on():
+def seems_over(height_m=0.9):
+    """Return a mission whose vehicle says that it has landed; the landing detection says nothing of it."""
     story = in_mission()
     story.silent.append("landing")
     story.after(1.2)
-    story.say(armed=False, landed=GROUND, height_m=0.9)
+    story.say(armed=False, landed=GROUND, height_m=height_m)
     story.after(0.7)
     assert not story.state.flight.active
+    return story
+
+
+def test_a_signal_to_end_while_a_flight_only_seems_over_is_answered_when_it_goes_on():
+    story = seems_over()
     story.feed(ev.Shutdown, signal="SIGTERM")
     assert story.motions == []
     story.vehicle.says.clear()
@@ -203,12 +209,7 @@ def test_a_signal_to_end_while_a_flight_only_seems_over_is_answered_when_it_goes
 
 @pytest.mark.parametrize("command", ["land", "abort"])
 def test_a_landing_that_the_user_asks_for_while_a_flight_only_seems_over_is_answered_when_it_goes_on(command):
-    story = in_mission()
-    story.silent.append("landing")
-    story.after(1.2)
-    story.say(armed=False, landed=GROUND, height_m=0.9)
-    story.after(0.7)
-    assert not story.state.flight.active
+    story = seems_over()
     assert story.user(command) == ("ALREADY", "It seems to have landed; it is landed if it has not.")
     assert story.motions == []
     story.vehicle.says.clear()
@@ -218,11 +219,7 @@ def test_a_landing_that_the_user_asks_for_while_a_flight_only_seems_over_is_answ
 
 
 def test_a_landing_that_was_asked_for_while_a_flight_seemed_over_is_no_matter_after_it():
-    story = in_mission()
-    story.silent.append("landing")
-    story.after(1.2)
-    story.say(armed=False, landed=GROUND, height_m=0.0)
-    story.after(0.7)
+    story = seems_over(height_m=0.0)
     story.user("land")
     story.after(12.0)
     assert story.place[0] not in ("MISSION", "LAND")

@@ -418,14 +418,15 @@ class EngineState:
         t_ns: of the last event.
         state, step: where it is; `entered_ns` and `step_ns`: since when.
         started_ns: when its process began; `armed_at_start`: what the first statuses that agree said then,
-            False as soon as it is disarmed: who arms it then, and not by us, is somebody else.
+            or after a landing was given up; False as soon as it is disarmed: who arms it then, and not by us, is
+            somebody else.
         next_id, decisions: of the next request, and how many there were.
         label, sessions: session ids are made of them.
         queue: the missions that were selected and have not begun.
         cause: why the last row fired.
         failures: all that is wrong now.
         shutting_down, signal: the process was told to end; the signal while nobody has answered it.
-        land_deferred: the user asked for a landing while it was not clear who has control.
+        land_deferred: the user asked for a landing while it was not clear who has control, or whether it has landed.
         shown: the last message to the user.
 
     The rest are parts, each of which begins anew by one assignment.
