@@ -159,6 +159,14 @@ def test_lost_in_flight(name, place):
         assert alarms == (["autopilot_lost"] if row.alarm else [])
 
 
+@pytest.mark.parametrize("unknown", ["height_m", "position_x_m", "position_y_m", "tilt_deg"])
+def test_each_value_that_has_a_limit_is_missed_when_it_is_not_known(unknown):
+    story = _patient("MISSION flying")
+    story.say(**{unknown: None})
+    story.after(10.25).expect("MISSION", "flying")
+    assert story.failure("position_unknown") is not None
+
+
 @pytest.mark.parametrize("place", LANDING)
 @pytest.mark.parametrize("name", EXPECTED)
 def test_lost_while_landing_goes_on_landing(name, place):

@@ -242,6 +242,22 @@ def test_a_stop_that_is_not_answered_is_followed_by_the_status(outcome):
     assert (story.state.session.data_result.value, "data_incomplete" in story.told) == ("COMPLETE", False)
 
 
+@pytest.mark.parametrize("outcome", [ev.Outcome.TIMED_OUT, ev.Outcome.BROKEN, ev.Outcome.ACCEPTED])
+def test_a_recorder_that_goes_on_recording_after_its_stop_calls_for_a_person_who_asks_it_again(outcome):
+    story = at("LAND descending")
+    story.answers["StopRecording"] = outcome
+    story.disobeyed.append("StopRecording")
+    story.until("DATA_CLEANUP")
+    story.after(5.5).expect("DATA_CLEANUP")
+    story.after(1.0).expect("OUTREACH")
+    story.answers.clear()
+    story.disobeyed.clear()
+    story.user("retry")
+    story.until("MISSION_ENDED")
+    assert story.requests.count("StopRecording") == 2
+    assert story.state.session.data_result.value == "COMPLETE"
+
+
 def test_a_recorder_that_said_complete_before_it_was_asked_to_stop_is_not_believed():
     story = at("LAND descending")
     story.disobeyed.append("StopRecording")

@@ -316,7 +316,7 @@ WAITS = (
         "land_second_route",
         "LAND",
     ),
-    Wait("land_alarm_after", "LAND commanding", lambda s: s.state.landing.since_ns, 6.0, "land_alarm", "LAND"),
+    Wait("land_alarm_after", "LAND commanding", lambda s: s.state.step_ns, 6.0, "land_alarm", "LAND"),
     Wait(
         "descent_time",
         "LAND commanding",

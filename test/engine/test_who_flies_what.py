@@ -161,6 +161,25 @@ def test_an_alarm_about_a_silent_vehicle_does_not_stand_for_one_that_does_not_la
     assert story.told.count("land_alarm") == 1
 
 
+def test_a_moment_that_shows_no_landing_spends_no_alarm():
+    """A mode that is not said late in the descent: it lands on, and nobody is alarmed until it does not."""
+    story = in_mission()
+    story.vehicle.obeys = False
+    story.user("land")
+    lands = {"mode": "AUTO.LAND", "landed": AIR, "vertical_speed_m_s": -0.5}
+    flies = {"mode": "", "landed": AIR, "vertical_speed_m_s": 0.0}
+    story.vehicle.says.update(lands)
+    story.after(8.0).expect("LAND", "descending")
+    story.vehicle.says.update(flies)
+    story.after(0.3).expect("LAND", "commanding")
+    story.vehicle.says.update(lands)
+    story.after(1.0).expect("LAND", "descending")
+    assert "land_alarm" not in story.told
+    story.vehicle.says.update(flies)
+    story.after(6.5).expect("LAND", "commanding")
+    assert story.told.count("land_alarm") == 1
+
+
 def test_an_alarm_about_a_landing_does_not_stand_for_a_silent_vehicle():
     story = in_mission()
     story.vehicle.obeys = False

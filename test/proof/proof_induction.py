@@ -24,7 +24,17 @@ from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import MissionAction as A
 from amaze_autonomy.engine.events import Check, CheckName, Verdict
 from amaze_autonomy.engine.rules import Code, Restart, Rules
-from amaze_autonomy.engine.state import Agreement, ClockApart, EngineState, OutreachKind, Result, State, evolve, put
+from amaze_autonomy.engine.state import (
+    Agreement,
+    ClockApart,
+    EngineState,
+    OutreachKind,
+    Result,
+    State,
+    Step,
+    evolve,
+    put,
+)
 from amaze_autonomy.laws import Moment, Witness, check
 from amaze_autonomy.laws.witness import Asked, Load, hear, see
 
@@ -486,6 +496,7 @@ def witness_of(s: EngineState, rules: Rules) -> Witness:
         aloft=s.vehicle.aloft.statuses if s.vehicle.aloft is not None else 0,
         landing=landing,
         land_ns=s.landing.since_ns or 0,
+        unseen_ns=s.step_ns if s.step is Step.COMMANDING else None,
         sent_ns=s.landing.sent_ns,
         second=landing and s.landing.second_route_ns is not None,
         second_ns=s.landing.sent_ns,

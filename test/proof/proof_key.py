@@ -19,8 +19,8 @@ from amaze_autonomy.laws import Witness
 
 Key = Tuple[Any, ...]
 
-_FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD, State.LAND)
-_STEPPED = (State.LOAD_MISSION, State.TAKEOFF, State.MISSION, State.HOLD)
+_FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD)
+_STEPPED = (State.LOAD_MISSION, State.TAKEOFF, State.MISSION, State.HOLD, State.LAND)
 _ENTERED = (State.READY, State.START_RECORDING, State.DATA_CLEANUP)
 _CHECKED = (State.PREFLIGHT, State.LOAD_MISSION)
 
@@ -43,15 +43,14 @@ def _caps(rules: Rules) -> Dict[str, int]:
             at.cancel_limit_ns,
             at.hold_confirm_limit_ns,
             at.resume_confirm_limit_ns,
+            at.land_alarm_after_ns,
         ),
         "flight.started_ns": units(
             at.max_flight_time_ns, at.battery_age_limit_ns, at.position_age_limit_ns, at.planner_status_limit_ns
         ),
         "flight.grounded_ns": units(at.ground_disarm_after_ns, at.confirm_limit_ns),
         "flight.user_hold_ns": units(at.user_hold_limit_ns),
-        "landing.since_ns": units(
-            at.land_limit_ns, at.land_second_route_after_ns, at.land_alarm_after_ns, at.arm_limit_ns
-        ),
+        "landing.since_ns": units(at.land_limit_ns, at.land_second_route_after_ns, at.arm_limit_ns),
         "landing.sent_ns": units(at.land_repeat_period_ns),
         "landing.disarm_sent_ns": units(at.ground_disarm_period_ns),
         "recording.since_ns": units(at.recording_lead_ns),
@@ -62,6 +61,7 @@ def _caps(rules: Rules) -> Dict[str, int]:
         "peers.vehicle_unknown_ns": units(at.vehicle_unknown_limit_ns),
         "silent": units(at.pilot_silence_limit_ns),
         "peers.recorder_ns": units(at.recorder_status_limit_ns),
+        "stopping": units(at.command_reply_limit_ns + at.recorder_status_limit_ns),
         "peers.autopilot_ns": units(at.autopilot_status_limit_ns, at.autopilot_link_limit_ns),
         "peers.battery_ns": units(at.battery_age_limit_ns),
         "peers.position_ns": units(at.position_age_limit_ns),
@@ -102,7 +102,7 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
         state.step,
         state.flight.active,
         _age(state, caps, "entered_ns") if place in _ENTERED else 0,
-        _age(state, caps, "step_ns") if place in _STEPPED else 0,
+        _age(state, caps, "step_ns") if place in _STEPPED or state.step is Step.COMMANDING else 0,
         state.sessions > 0,
         _age(state, caps, "started_ns") if place not in _FLIGHT else state.started_ns is None,
         state.session.mission.id if state.session.mission is not None else "",
@@ -245,7 +245,7 @@ def _recording(state: EngineState, caps: Dict[str, int]) -> Key:
         recorder is not None and (recorder.phase, tuple([p.growing for p in recorder.platforms])),
         state.state is State.DATA_CLEANUP
         and state.peers.recorder_ns is not None
-        and min(caps["peers.recorder_ns"], max(-1, (state.peers.recorder_ns - state.entered_ns) // UNIT)),
+        and min(caps["stopping"], max(-1, (state.peers.recorder_ns - state.entered_ns) // UNIT)),
     )
 
 
@@ -339,10 +339,11 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         witness.taken > 0 and (min(2, witness.taken), min(caps["pilot"], (now - witness.taken_ns) // UNIT)),
         min(2, witness.armed_late),
         witness.rested,
-        _since(witness.ground_ns, state, caps["confirm"]),
+        -1 if state.state is State.PILOT else _since(witness.ground_ns, state, caps["confirm"]),
         _since(witness.down_ns, state, caps["confirm"]),
         witness.landing,
         witness.landing and min(caps["landing.since_ns"], (now - witness.land_ns) // UNIT),
+        -1 if witness.unseen_ns is None else min(caps["step_ns"], (now - witness.unseen_ns) // UNIT),
         witness.landing and min(caps["landing.sent_ns"], (now - witness.sent_ns) // UNIT),
         witness.second,
         witness.second and min(caps["landing.sent_ns"], (now - witness.second_ns) // UNIT),

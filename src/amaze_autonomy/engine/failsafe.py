@@ -274,7 +274,7 @@ FAILSAFE_CONDITIONS: Tuple[FailsafeCondition, ...] = (
     F("distance", (Above("autopilot.distance_m", "max_distance_m", "distance"),), Action.LAND, "too far from the takeoff place"),
     F("tilt", (Above("autopilot.tilt_deg", "max_tilt_deg", "tilt"),), Action.LAND, "tilted too far"),
     F("tilt_warning", (Above("autopilot.tilt_deg", "tilt_warning_deg", "tilt"),), Action.CONTINUE, "tilted further than it should be"),
-    F("position_unknown", (Silent("position_ns", "position_age_limit_ns", "unknown for"),), Action.CONTINUE, "altitude or position is unknown: their limits cannot be checked"),
+    F("position_unknown", (Silent("position_ns", "position_age_limit_ns", "unknown for"),), Action.CONTINUE, "altitude, position or tilt is unknown: their limits cannot be checked"),
     F("recorder_dead", (Silent("recorder_ns", "recorder_status_limit_ns", _SILENT), Says(_does_not_record)), Action.CONTINUE, "the recorder is silent or does not record", peer="recorder", only="recording.asked"),
     F("landing_detection", (Silent("landing_ns", "landing_detection_limit_ns", _SILENT),), Action.CONTINUE, "the landing detection is silent", peer="landing detection"),
 )

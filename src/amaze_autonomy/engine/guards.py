@@ -202,21 +202,25 @@ def data_lost(context: Context) -> Optional[Seen]:
     return Seen((*complete.values, Value("lost", recorder.lost)))
 
 
+_NOT_STOPPED = (RecordingPhase.IDLE, RecordingPhase.STARTING, RecordingPhase.RECORDING)
+
+
 def data_incomplete(context: Context) -> Optional[Seen]:
-    """The recorder refused to stop, failed since it was asked, or is silent."""
-    state = context.state
+    """The recorder refused to stop, does not, failed since it was asked, or is silent."""
+    state, limits = context.state, context.limits
     if state.recording.request.outcome in _REFUSED:
         return because("recorder", state.recording.request.message or "refused to stop")
     if passed("recorder_silent", state, context.rules, context.now):
-        return because("recorder", f"silent for {context.limits.recorder_status_limit_ns / _NS:g} s")
-    if state.peers.recorder is None or state.peers.recorder.phase is not RecordingPhase.FAILED:
+        return because("recorder", f"silent for {limits.recorder_status_limit_ns / _NS:g} s")
+    recorder, heard_ns = state.peers.recorder, state.peers.recorder_ns
+    if recorder is None or heard_ns is None:
         return None
-    since = (
-        state.peers.recorder_ns is not None
-        and state.peers.recorder_ns - state.entered_ns >= context.limits.recorder_status_limit_ns
-    )
-    failed = state.recording.progressed or since
-    return because("recorder", state.peers.recorder.message or "FAILED") if failed else None
+    since_ns = heard_ns - state.entered_ns
+    if recorder.phase in _NOT_STOPPED and since_ns >= limits.command_reply_limit_ns + limits.recorder_status_limit_ns:
+        return because("recorder", f"asked to stop, it still says {recorder.phase.name}")
+    again = state.recording.progressed or since_ns >= limits.recorder_status_limit_ns
+    failed = recorder.phase is RecordingPhase.FAILED and again
+    return because("recorder", recorder.message or "FAILED") if failed else None
 
 
 # --- ready to take off ------------------------------------------------------------------------------------------------

@@ -161,11 +161,7 @@ TIMERS: Tuple[Timer, ...] = (
     Timer("pilot_confirm", (*_BEFORE_TAKEOFF, *_WATCHED, State.DATA_CLEANUP), _takeover),
     Timer("land_repeat_period", (State.LAND,), lambda s, r: s.landing.sent_ns + r.limits.land_repeat_period_ns),
     Timer("land_second_route_after", ((State.LAND, Step.COMMANDING),), _second_route),
-    Timer(
-        "land_alarm_after",
-        ((State.LAND, Step.COMMANDING),),
-        lambda s, r: _after(s.landing.since_ns, r.limits.land_alarm_after_ns),
-    ),
+    Timer("land_alarm_after", ((State.LAND, Step.COMMANDING),), _step("land_alarm_after_ns")),
     Timer("descent_time", (State.LAND,), lambda s, r: _after(s.vehicle.descending_ns, r.limits.descent_time_ns)),
     Timer(
         "land_limit", (State.LAND,), lambda s, r: _after(s.landing.since_ns, r.limits.land_limit_ns), ends_state=True

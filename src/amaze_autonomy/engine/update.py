@@ -286,7 +286,7 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
     unknown = event.armed is None or event.landed is VehicleLanded.UNKNOWN
     speed = event.vertical_speed_m_s
     descending = speed is not None and speed <= -context.limits.descent_speed_m_s
-    known = None not in (event.height_m, event.position_x_m, event.position_y_m)
+    known = None not in (event.height_m, event.position_x_m, event.position_y_m, event.tilt_deg)
     context.put(
         "peers",
         autopilot=event,

@@ -247,11 +247,12 @@ def an_alarm_is_given_once(m: Moment) -> Verdict:
     return f"{again[0]} again" if again else True
 
 
-@law("4.3", "After that the pilot is alarmed.", always=True)
+@law("4.3", "The pilot is alarmed when nothing has shown a landing for 6 s.", always=True)
 def alarm_in_time(m: Moment) -> Verdict:
     if not _lands_unseen(m):
         return None
-    if m.seen.now - m.seen.land_ns < m.rules.limits.land_alarm_after_ns:
+    since_ns = m.seen.land_ns if m.seen.unseen_ns is None else m.seen.unseen_ns
+    if m.seen.now - since_ns < m.rules.limits.land_alarm_after_ns:
         return None
     return True if {"land_alarm", "land_limit"}.intersection(m.seen.alarms) else "the pilot was not alarmed"
 

@@ -89,9 +89,8 @@ class Moment:
     def in_doubt(self) -> bool:
         """True while it is not clear whether somebody else has control: no longer than until statuses could agree."""
         shown, limits, status = self.after.vehicle.takeover, self.rules.limits, self.saw.fresh(self.rules.limits)
-        peers = self.after.peers
-        if self.after.flight.active and peers.autopilot is None and peers.autopilot_ns is not None:
-            return self.saw.now - peers.autopilot_ns <= limits.autopilot_status_limit_ns  # restarted: not heard yet
+        if self.saw.vehicle is None and self.after.flight.active:  # restarted: not heard yet
+            return self.saw.now - self.saw.vehicle_ns <= limits.autopilot_status_limit_ns
         if shown is None or status is None:
             return False
         agreed = shown.statuses > 1 and status.armed is not False  # the last one, too

@@ -90,6 +90,7 @@ class Witness:
     aloft: int = 0
     landing: bool = False
     land_ns: int = 0
+    unseen_ns: Optional[int] = None
     sent_ns: int = 0
     second: bool = False
     second_ns: int = 0
@@ -441,6 +442,9 @@ def _shown(witness: Witness, after: EngineState, changes: Dict[str, Any]) -> Non
         changes["flight"] = "none"
     if after.state not in _FLIGHT and (witness.landing or witness.alarms):
         changes.update(landing=False, alarms=())
+    unseen = after.state is State.LAND and after.step is Step.COMMANDING
+    if unseen is not (witness.unseen_ns is not None):
+        changes["unseen_ns"] = witness.now if unseen else None
     if after.session.id != witness.session:
         changes["session"] = after.session.id
         changes.update(planner=None, idle_ns=None, recorder=None, growing_ns=None, load=None)
