@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from amaze_autonomy.engine.commands import AnswerKind, Level, Notify
+from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
     Check,
@@ -32,6 +33,7 @@ from amaze_autonomy.engine.state import (
     Landing,
     Peers,
     Preflight,
+    Result,
     Session,
     State,
     Step,
@@ -44,6 +46,7 @@ from amaze_autonomy.journal.report import (
     computer_rows,
     end_on_the_way,
     limit_words,
+    mission_end,
     report,
 )
 
@@ -322,3 +325,18 @@ def test_an_end_on_the_way_is_that_of_a_mission_with_another_one_in_the_queue(qu
         assert (found.session.id, found.queue) == ("first", queue)
     assert end_on_the_way(before, Tick(t_ns=T), before, Rules()) is None
     assert end_on_the_way(replace(before, session=Session()), Tick(t_ns=T), began, Rules()) is None
+
+
+def test_the_end_of_a_mission_is_found_once_whether_or_not_the_next_one_begins_with_it():
+    rules, session = Rules(), Session(id="first", mission=NEXT, result=Result.COMPLETE)
+    before = EngineState(t_ns=T, state=State.DATA_CLEANUP, session=session, queue=(NEXT,))  # nothing was recorded
+    began, _ = decide(before, Tick(t_ns=T), rules)
+    ended, _ = decide(replace(before, queue=()), Tick(t_ns=T), rules)
+    assert (began.state, ended.state) == (State.PREFLIGHT, State.MISSION_ENDED)
+    assert mission_end(replace(before, queue=()), Tick(t_ns=T), ended, rules) is ended
+    passed = mission_end(before, Tick(t_ns=T), began, rules)
+    assert passed is not None
+    assert (passed.session, passed.queue) == (ended.session, (NEXT,))
+    assert mission_end(ended, Tick(t_ns=T), ended, rules) is None
+    assert mission_end(replace(ended, queue=(NEXT,)), Tick(t_ns=T), began, rules) is None, "it had ended before"
+    assert mission_end(began, Tick(t_ns=T), began, rules) is None

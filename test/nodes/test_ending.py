@@ -8,11 +8,17 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 from queue import SimpleQueue
 
 import pytest
 
 pytest.importorskip("rospy")
+
+sys.path.append(str(Path(__file__).parents[1] / "engine"))
+
+from engine_peers import MISSION, SHIPPED
+from engine_story import Story
 
 from amaze_autonomy.engine.commands import (
     AutopilotLand,
@@ -20,16 +26,24 @@ from amaze_autonomy.engine.commands import (
     MissionCommand,
     StopRecording,
 )
-from amaze_autonomy.engine.events import Mission, Outcome, Reply, Shutdown, Tick
+from amaze_autonomy.engine.events import EngineStarted, Mission, Outcome, RecordingPhase, Reply, Shutdown, Tick
 from amaze_autonomy.engine.state import DataResult, EngineState, Flight, Result, Session, State
+from amaze_autonomy.journal.report import MessageLog
 from amaze_autonomy.nodes.autonomy import ending as endings
 from amaze_autonomy.nodes.autonomy.ending import ENGINE_ENDED, Ended, Ending, Farewell, Pulse, first_reason, start_anew
-from amaze_autonomy.nodes.autonomy.node import EXIT_STATUS, data_outcome, exit_status, outcome
+from amaze_autonomy.nodes.autonomy.node import (
+    EXIT_STATUS,
+    data_outcome,
+    data_summary,
+    decided_again,
+    exit_status,
+    outcome,
+)
 
 LAND = MissionCommand(id=1, limit_ns=1, session_id="s", action=MissionAction.LAND)
 SECOND = AutopilotLand(id=2, limit_ns=1)
 SHUTDOWN = Shutdown(t_ns=1, signal="SIGINT")
-WHOLE, LACKS = DataResult.COMPLETE, DataResult.INCOMPLETE
+WHOLE, LACKS, NOTHING = DataResult.COMPLETE, DataResult.INCOMPLETE, DataResult.NONE
 
 
 class Watched(Farewell):
@@ -129,12 +143,12 @@ def test_what_was_sent_before_the_shutdown_does_not_count():
 
 def ending(*, exit_when_ended=True):
     reasons = []
-    return Ending(reasons.append, EngineState(), exit_when_ended=exit_when_ended), reasons
+    return Ending(reasons.append, SHIPPED, exit_when_ended=exit_when_ended), reasons
 
 
 def see(watched, *states, result=Result.NONE, queue=()):
     for state in states:
-        watched.see(EngineState(state=state, queue=queue, session=Session(result=result)))
+        watched.see(Tick(t_ns=1), EngineState(state=state, queue=queue, session=Session(result=result)))
 
 
 def test_the_end_of_the_last_mission_ends_the_node():
@@ -169,6 +183,134 @@ def test_the_node_stays_when_it_is_not_asked_to_end():
     watched, reasons = ending(exit_when_ended=False)
     see(watched, State.PREFLIGHT, State.MISSION_ENDED)
     assert reasons == []
+
+
+class Followed:
+    """A story each step of which is seen, until the engine's process is killed and another one goes on."""
+
+    def __init__(self, *missions):
+        self.story, self.events = Story(SHIPPED, *missions), []
+        self.watched, self.reasons = ending()
+        self.story.watch.append(self.see)
+        self.story.start().after(0.5).select()
+
+    def see(self, story, _before, event, _commands):
+        self.events.append(event)
+        self.watched.see(event, story.state)
+
+    def goes_on_in_another_process(self):
+        self.watched, self.reasons = ending()
+        state = decided_again(list(self.events), SHIPPED, MessageLog(), self.watched)
+        assert (state, self.reasons) == (self.story.state, [])
+        self.story.feed(EngineStarted, label="test", resumed=True)
+
+    @property
+    def results(self):
+        return [(each.result, each.data) for each in self.watched.results]
+
+    @property
+    def status(self):
+        return exit_status(self.watched.results, self.story.state)
+
+    @property
+    def summary(self):
+        return data_summary(self.watched.results, self.story.state)
+
+
+def test_a_mission_that_the_queue_passes_on_from_counts_with_its_data():
+    """One event ends it and begins the next: its end is no state between two events."""
+    followed = Followed(MISSION, Mission(id="2"))
+    story = followed.story.until("DATA_CLEANUP")
+    story.recorder.says["lost"] = "second: 37.9 s"
+    story.until("PREFLIGHT")
+    assert followed.reasons == []
+    story.recorder.says.clear()
+    story.until("MISSION_ENDED")
+    assert (followed.results, followed.status) == ([(Result.COMPLETE, LACKS), (Result.COMPLETE, WHOLE)], 6)
+    assert followed.summary == "test-001: second: 37.9 s"
+    assert followed.reasons == ["mission ended"]
+
+
+def test_data_that_was_given_up_is_named_beside_that_of_the_next_mission():
+    followed = Followed(MISSION)
+    story = followed.story.until("DATA_CLEANUP")
+    story.recorder.says.update(phase=RecordingPhase.FAILED, message="module2: no space left")
+    story.until("OUTREACH").user("give_up")
+    story.expect("MISSION_ENDED")
+    assert followed.summary == "module2: no space left", "of one mission, what the recorder says"
+    story.recorder.says.clear()
+    story.after(5.0).select().until("MISSION_ENDED")
+    assert (followed.results, followed.status) == ([(Result.COMPLETE, LACKS), (Result.COMPLETE, WHOLE)], 6)
+    assert followed.summary == "test-001: module2: no space left"
+
+
+def test_a_recorder_that_says_nothing_at_all_leaves_that_it_was_given_up():
+    results = [Ended(Result.COMPLETE, LACKS, "test-001"), Ended(Result.COMPLETE, WHOLE, "test-002")]
+    assert data_summary(results, EngineState()) == "test-001: given up"
+    assert data_summary([], EngineState()) == ""
+
+
+def test_a_mission_that_is_ended_before_anything_is_recorded_is_not_flown():
+    followed = Followed(MISSION)
+    followed.story.until("PREFLIGHT").feed(Shutdown, signal="SIGINT")
+    assert (followed.results, followed.status) == ([(Result.NOT_FLOWN, NOTHING)], 5)
+
+
+def test_what_ended_before_a_restart_counts():
+    followed = Followed(MISSION)
+    followed.story.until("MISSION", "flying").user("land")
+    followed.story.until("MISSION_ENDED").select().until("MISSION", "flying")
+    followed.goes_on_in_another_process()
+    assert followed.reasons == []
+    followed.story.until("MISSION_ENDED")
+    assert (followed.results, followed.status) == ([(Result.LANDED_EARLY, WHOLE), (Result.COMPLETE, WHOLE)], 3)
+    assert followed.reasons == ["mission ended"]
+
+
+def test_what_the_queue_passed_before_a_restart_counts():
+    followed = Followed(MISSION, Mission(id="2"))
+    followed.story.until("DATA_CLEANUP").until("START_RECORDING")
+    followed.goes_on_in_another_process()
+    followed.story.until("MISSION_ENDED")
+    assert (followed.results, followed.status) == ([(Result.COMPLETE, WHOLE)] * 2, 0)
+
+
+def test_a_process_that_is_killed_before_it_has_written_the_result_is_ended_by_the_next():
+    followed = Followed(MISSION)
+    followed.story.until("MISSION_ENDED")
+    followed.goes_on_in_another_process()
+    assert followed.reasons == ["mission ended"]
+    assert (followed.results, followed.status) == ([(Result.COMPLETE, WHOLE)], 0)
+    followed.story.after(1.0)
+    assert followed.reasons == ["mission ended"], "said once"
+
+
+def test_a_process_that_is_killed_after_a_mission_was_given_up_is_ended_by_the_next():
+    followed = Followed(MISSION)
+    followed.story.user("give_up")
+    followed.story.expect("MISSION_INPUT")
+    followed.goes_on_in_another_process()
+    assert (followed.reasons, followed.results, followed.status) == (
+        ["mission ended"],
+        [(Result.NOT_FLOWN, NOTHING)],
+        5,
+    )
+
+
+def test_a_mission_that_waits_is_still_flown_by_the_next_process_and_the_one_before_it_counts_once():
+    """Told to end while data was collected, then killed: the queue is there, nothing was passed on."""
+    followed = Followed(MISSION, Mission(id="2"))
+    followed.story.until("DATA_CLEANUP").feed(Shutdown, signal="SIGTERM")
+    followed.story.until("MISSION_ENDED")
+    followed.goes_on_in_another_process()
+    followed.story.expect("PREFLIGHT")
+    assert (followed.reasons, followed.results) == ([], [(Result.COMPLETE, WHOLE)])
+
+
+def test_a_process_that_starts_with_nothing_waits_for_a_mission():
+    watched, reasons = ending()
+    see(watched, State.MISSION_INPUT, State.MISSION_INPUT)
+    assert (reasons, watched.results) == ([], [])
 
 
 def at(state, *, in_flight=False):

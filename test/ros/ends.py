@@ -16,6 +16,13 @@ from amaze_autonomy.engine.events import EngineStarted, Shutdown
 from amaze_autonomy.journal.journal import read
 
 BEFORE = ["data_recorder/start", "mission_planner/load"]
+#: A recorder that writes nothing for a second of the first flight.
+LOSES = """\
+description: a second of the first flight is not recorded
+faults:
+  - {fault: recording_does_not_grow, platform: second, after: {event: mission, delay_s: 0.3}, for_s: 1.0}
+"""
+TWO_HOPS_S = 80.0
 ends = Behaviours()
 
 
@@ -93,6 +100,36 @@ def nobody_there_to_acknowledge_a_pilots_landing_ends_all_the_same(stack: Stack)
     assert stack.wait_end() == 4
     assert stack.result()["result"] == "PILOT"
     assert stack.commands() == [*BEFORE, "TAKEOFF", "data_recorder/stop"]
+
+
+@ends.add(mission="hop,hop", faults=LOSES, parameters={"exit_when_ended": True})
+def what_the_first_mission_of_a_queue_lacks_is_in_exit_status_and_result(stack: Stack) -> None:
+    assert stack.wait_end(TWO_HOPS_S) == 6
+    lacks_data_of_its_first_mission(stack)
+
+
+@ends.add(mission="hop,hop", faults=LOSES)
+def engine_that_is_killed_after_its_last_mission_ends_with_the_result_of_all(stack: Stack) -> None:
+    """The one that is started again shall end with the last mission, and it has ended."""
+    ended = lambda: stack.state == "MISSION_ENDED" and stack.states[-1].session_id.endswith("-002")  # noqa: E731
+    stack.wait(ended, "the end of the second mission", TWO_HOPS_S)
+    assert stack.engine is not None
+    stack.engine.kill()
+    stack.engine.wait()
+    stack.parameters["exit_when_ended"] = True
+    stack.start_engine()
+    assert stack.wait_end() == 6
+    assert [event.resumed for event in stack.events(EngineStarted)] == [False, True]
+    lacks_data_of_its_first_mission(stack)
+
+
+def lacks_data_of_its_first_mission(stack: Stack) -> None:
+    first = next(each.session_id for each in stack.states if each.session_id)
+    assert [each.rule for each in stack.decisions() if each.after == "MISSION_ENDED"] == ["data_lost", "data_complete"]
+    result = stack.result()
+    assert (result["result"], result["data_result"], result["exit_status"]) == ("COMPLETE", "INCOMPLETE", 6)
+    assert result["data_summary"].startswith(f"{first}: second: "), result
+    assert f"data     INCOMPLETE: {result['data_summary']}" in stack.log()
 
 
 @ends.add(mission="nothing", parameters={"exit_when_ended": True}, start=False)

@@ -212,6 +212,20 @@ def end_on_the_way(before: EngineState, event: Event, after: EngineState, rules:
     return evolve(ended, queue=before.queue) if ended.state is State.MISSION_ENDED else None
 
 
+def mission_end(before: EngineState, event: Event, after: EngineState, rules: Rules) -> Optional[EngineState]:
+    """Return the state in which an event ended a mission, whether or not it then began the next; None: it ended none.
+
+    Args:
+        before: the event.
+        event: that was decided.
+        after: it.
+        rules: by which it was decided.
+    """
+    if before.state is State.MISSION_ENDED:
+        return None
+    return after if after.state is State.MISSION_ENDED else end_on_the_way(before, event, after, rules)
+
+
 def _answers(state: EngineState, rules: Rules) -> Tuple[CommandAnswer, ...]:
     context = Context(state, Tick(t_ns=state.t_ns), rules)
     cases = {command: answer_to(context, command) for command in UserCommand}

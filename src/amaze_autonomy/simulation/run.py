@@ -12,11 +12,11 @@ from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, 
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
-from amaze_autonomy.engine.transitions import TRANSITIONS
 from amaze_autonomy.monitoring.land_switch import LandRequests
 
 from ..engine.events import Mission
 from ..journal import journal
+from ..journal.report import mission_end
 from .scenario import Scenario
 from .world import Happened, World
 
@@ -153,22 +153,19 @@ class _Loop:
             if isinstance(command, Decision):
                 self._lines.append(journal.encode_decision(command))
                 self._decisions.append(command)
-                self._note_result(command, before)
             else:
                 self._commands.append((event.t_ns, command))
                 self._world.handle(max(event.t_ns, self._world.now_ns), command)
+        self._note_result(before, event)
         if self._state.state is not before.state:
             self._world.observe_state(self._world.now_ns, self._state.state.value)
 
-    def _note_result(self, decision: Decision, before: EngineState) -> None:
+    def _note_result(self, before: EngineState, event: Event) -> None:
         """Note the result of a mission that has just ended; the next one may have begun with the same event."""
-        if decision.after != State.MISSION_ENDED.value or before.session.mission is None:
-            return
-        sets = next((row.sets for row in TRANSITIONS if row.rule == decision.rule), {})
-        data = DataResult(sets.get("session.data_result", before.session.data_result))
-        self._results.append(
-            (before.session.mission.id, Result(sets.get("session.result", before.session.result)), data)
-        )
+        ended = mission_end(before, event, self._state, self._rules)
+        session = None if ended is None else ended.session
+        if session is not None and session.mission is not None:
+            self._results.append((session.mission.id, session.result, session.data_result))
 
     def _over(self) -> bool:
         """Tell whether nothing more will happen without a person."""

@@ -21,11 +21,16 @@ from typing import Callable, Dict, List, NamedTuple, Tuple
 
 from amaze_autonomy.engine.commands import AutopilotLand, Command, MissionAction, MissionCommand
 from amaze_autonomy.engine.events import Event, Outcome, Reply, Shutdown
+from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.ros.node_main import say_last_words
 
+from ...journal.report import mission_end
+
 #: The reason to end that nobody gives.
 ENGINE_ENDED = "a failure of the engine's thread"
+
+NOTHING_UNDER_WAY = (State.MISSION_INPUT, State.MISSION_ENDED)
 
 _ROUTES = ("mission planner", "autopilot")
 _LOOK_S = 0.2  # between two looks at the threads
@@ -83,38 +88,49 @@ def start_anew() -> None:
 
 
 class Ended(NamedTuple):
-    """How a mission ended, and what became of its data."""
+    """How a mission ended, what became of its data, of which session that is, and what the recorder said of it."""
 
     result: Result
     data: DataResult = DataResult.NONE
+    session: str = ""
+    said: str = ""
+
+
+def said_of_data(state: EngineState) -> str:
+    """Return what the recorder says of a recording; one that says no more than what was lost, that."""
+    recorder = state.peers.recorder
+    return "" if recorder is None else recorder.message or recorder.lost
 
 
 class Ending:
-    """Watches the steps of the engine for the end of the last mission.
+    """Watches the steps of the engine for the ends of missions, those before a restart too, and for that of the last.
 
     Args:
+        end: called once with the reason, when the node shall end.
+        rules: that the engine decides by.
         exit_when_ended: the end of the last mission ends the node.
-        end: called with the reason, when the node shall end.
-        state: that the engine starts from.
     """
 
-    def __init__(self, end: Callable[[str], None], state: EngineState, *, exit_when_ended: bool) -> None:
-        self._exit, self._end = exit_when_ended, end
-        self._before = state.state
+    def __init__(self, end: Callable[[str], None], rules: Rules, *, exit_when_ended: bool) -> None:
+        self._exit, self._end, self._rules = exit_when_ended, end, rules
+        self._before = EngineState()
         self.results: List[Ended] = []
 
-    def see(self, state: EngineState) -> None:
-        """Take notice of a step."""
-        before, self._before = self._before, state.state
-        if state.state is before:
-            return
-        if state.state is State.MISSION_ENDED:
-            self.results.append(Ended(state.session.result, state.session.data_result))
-        elif state.state is State.MISSION_INPUT and before is not State.MISSION_ENDED:
+    def count(self, event: Event, state: EngineState) -> None:
+        """Note what a step ended; alone for a step before a restart, which ends no node any more."""
+        before, self._before = self._before, state
+        ended = mission_end(before, event, state, self._rules)
+        if ended is not None:
+            session = ended.session
+            self.results.append(Ended(session.result, session.data_result, session.id, said_of_data(ended)))
+        elif state.state is State.MISSION_INPUT and before.state not in NOTHING_UNDER_WAY:
             self.results.append(Ended(Result.NOT_FLOWN))
-        else:
-            return
-        if self._exit and not state.queue:
+
+    def see(self, event: Event, state: EngineState) -> None:
+        """Take notice of a step. The process before may have been killed between the last end and its own."""
+        self.count(event, state)
+        if self._exit and self.results and state.state in NOTHING_UNDER_WAY and not state.queue:
+            self._exit = False
             self._end("mission ended")
 
 

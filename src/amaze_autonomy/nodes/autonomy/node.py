@@ -43,7 +43,8 @@ from amaze_autonomy.engine.events import (
     Shutdown,
     UserRequest,
 )
-from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.state import DataResult, EngineState, Result
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.interface import STATUSES, Status
 from amaze_autonomy.monitoring.land_switch import LandRequests
@@ -61,7 +62,17 @@ from ...ros.reconnector import Reconnector
 from ...ros.service_client import ServiceClient
 from ...ros.topic_reader import ALL, Tally, subscribe
 from . import run_folder
-from .ending import ENGINE_ENDED, Ended, Ending, Farewell, Pulse, first_reason, start_anew
+from .ending import (
+    ENGINE_ENDED,
+    NOTHING_UNDER_WAY,
+    Ended,
+    Ending,
+    Farewell,
+    Pulse,
+    first_reason,
+    said_of_data,
+    start_anew,
+)
 from .engine_thread import EngineThread, Inbox, Stall
 from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
@@ -113,8 +124,9 @@ class AutonomyNode:
         self._farewell = Farewell()
         self._journal = self._open_journal()
         messages = MessageLog()
-        state = self._decided_again(messages)
-        self._ending = Ending(self._reasons.put, state, exit_when_ended=parameters.exit_when_ended)
+        self._ending = Ending(self._reasons.put, configuration.rules, exit_when_ended=parameters.exit_when_ended)
+        events = unfinished.events if unfinished is not None else []
+        state = decided_again(events, configuration.rules, messages, self._ending)
         self._unattended = Unattended(configuration.rules) if parameters.unattended else None
         self._switch = LandRequests(configuration.without_land_switch)
         self._reconnector = Reconnector()
@@ -189,16 +201,6 @@ class AutonomyNode:
     def _run_label(self) -> str:
         """Return the name of the run whose messages go on: that of the journal."""
         return self._label if self._resumed is None else str(self._resumed.header.get("label", self._label))
-
-    def _decided_again(self, messages: MessageLog) -> EngineState:
-        """Return the state that an unfinished journal leads to, and take the messages on the way; forget its events."""
-        state = EngineState()
-        events = self._resumed.events if self._resumed is not None else []
-        for event in events:
-            state, commands = decide(state, event, self._configuration.rules)
-            messages.take(event.t_ns, commands)
-        events.clear()
-        return state
 
     def start(self) -> None:
         """Begin to decide, then open the node to the world."""
@@ -288,7 +290,7 @@ class AutonomyNode:
         self._clocks.see(event)
         self._state_publisher.see(event)
         self._farewell.see(event, commands, state)
-        self._ending.see(state)
+        self._ending.see(event, state)
         if self._unattended is not None:
             command = self._unattended.answer(state)
             if command is not None:
@@ -366,7 +368,7 @@ class AutonomyNode:
         result = {
             "data": state.recording.location,
             "data_result": data_outcome(self._ending.results).value,
-            "data_summary": state.peers.recorder.message if state.peers.recorder is not None else "",
+            "data_summary": data_summary(self._ending.results, state),
             "exit_status": status,
             "in_flight": state.flight.active,
             "journal": str(self._journal.path),
@@ -396,13 +398,30 @@ class AutonomyNode:
         lines = self._cause(reason, state) if reason != "mission ended" else []
         lines.append(f"autonomy: result   {outcome(self._ending.results, state)}")
         lines.append(f"autonomy: bag      {state.recording.location or 'none'}")
-        data = data_outcome(self._ending.results).value
-        said = state.peers.recorder.message if state.peers.recorder is not None else ""
+        data, said = data_outcome(self._ending.results).value, data_summary(self._ending.results, state)
         if data or said:
             lines.append(f"autonomy: data     {': '.join(each for each in (data, said) if each)}")
         lines.append(f"autonomy: journal  {self._journal.path}")
         lines.append(f"autonomy: report   {self._folder / run_folder.REPORT_NAME}")
         print("\n".join(lines), flush=True)
+
+
+def decided_again(events: List[Event], rules: Rules, messages: MessageLog, ending: Ending) -> EngineState:
+    """Return the state that an unfinished journal leads to; forget its events.
+
+    Args:
+        events: of it; none without one.
+        rules: by which they were decided.
+        messages: take those on the way.
+        ending: counts the missions that ended on the way.
+    """
+    state = EngineState()
+    for event in events:
+        state, commands = decide(state, event, rules)
+        messages.take(event.t_ns, commands)
+        ending.count(event, state)
+    events.clear()
+    return state
 
 
 def _check_missions(parameters: Parameters, configuration: Configuration) -> None:
@@ -504,15 +523,13 @@ EXIT_STATUS: Mapping[str, int] = {
     "ENGINE_FAILED": 9,  # its thread that decides has ended, in flight LAND was sent; and it could not start anew
 }
 
-_NOTHING_UNDER_WAY = (State.MISSION_INPUT, State.MISSION_ENDED)
-
 
 def outcome(results: Sequence[Ended], state: EngineState) -> str:
     """Return the worst of how the missions ended and where the engine was when the node ended."""
     names: List[str] = [each.result.value for each in results if each.result is not Result.NONE] or ["NO_MISSION"]
     if state.flight.active:
         names.append("INTERRUPTED_IN_FLIGHT")
-    elif state.state not in _NOTHING_UNDER_WAY:
+    elif state.state not in NOTHING_UNDER_WAY:
         names.append("INTERRUPTED")
     return max(names, key=EXIT_STATUS.__getitem__)
 
@@ -521,6 +538,12 @@ def data_outcome(results: Sequence[Ended]) -> DataResult:
     """Return what became of the data of all missions; NONE where nothing was recorded."""
     known = [each.data for each in results]
     return next((each for each in (DataResult.INCOMPLETE, DataResult.COMPLETE) if each in known), DataResult.NONE)
+
+
+def data_summary(results: Sequence[Ended], state: EngineState) -> str:
+    """Return what the recorder says of the data; of several missions, by session, of that which lacks something."""
+    lacking = [f"{each.session}: {each.said or 'given up'}" for each in results if each.data is DataResult.INCOMPLETE]
+    return "; ".join(lacking) if lacking and len(results) > 1 else said_of_data(state)
 
 
 def exit_status(results: Sequence[Ended], state: EngineState) -> int:
