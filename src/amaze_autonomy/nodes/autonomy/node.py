@@ -520,7 +520,7 @@ EXIT_STATUS: Mapping[str, int] = {
     "DATA_INCOMPLETE": 6,  # flown or not, something of a flight was not recorded, or the data was given up
     "INTERRUPTED": 7,  # the node was ended while a mission was under way, on the ground
     "INTERRUPTED_IN_FLIGHT": 8,  # ... and in flight: LAND was sent unless the pilot had control
-    "ENGINE_FAILED": 9,  # its thread that decides has ended, in flight LAND was sent; and it could not start anew
+    "ENGINE_FAILED": 9,  # its thread that decides has ended, LAND was sent as in the row above; it could not start anew
 }
 
 
