@@ -8,6 +8,7 @@ from px4_tools import S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot.vehicle.client import Reply
+from amaze_autonomy.autopilot.vehicle.position import Position
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import Landed
 from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
@@ -52,6 +53,101 @@ def test_it_streams_nothing_until_asked_and_all_once_asked():
     assert abs(status.height_m) < 0.3
     assert heard.vehicle.health(heard.t_ns) == dict.fromkeys(("gps", "imu", "magnetometer", "barometer"), True)
     assert bad(heard) == {}
+
+
+class Older(ArduPilot):
+    """Before 4.4: the local place of home is 0, 0, 0, wherever it is."""
+
+    def _message(self, name, view):
+        made = super()._message(name, view)
+        if name == "HOME_POSITION":
+            made.x = made.y = made.z = 0.0
+        return made
+
+
+@pytest.mark.parametrize("autopilot", [ArduPilot, Older])
+def test_a_node_that_begins_in_flight_counts_from_home_also_where_that_is_not_the_origin(autopilot):
+    begun = ClientBench(autopilot=(ArduCraft, autopilot))
+    begun.cut = True
+    begun.advance(3.0)
+    far = begun.far
+    for command, *values in (
+        (mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED),
+        (ARM, 1),
+        (mavlink.MAV_CMD_NAV_TAKEOFF, *[0] * 6, 5.0),
+    ):
+        order(begun, command, *values)
+    begun.advance(8.0)
+    far.craft.home = far.craft.geography.place(5.0, 10.0, -3.0)  # a ground station sets it
+    begun.cut = False
+    begun.advance(4.0)
+    status, (east, north, up) = begun.vehicle.status(begun.t_ns), far.craft.position_m
+    told = (status.position_x_m, status.position_y_m, status.height_m)
+    assert told == pytest.approx((east - 5.0, north - 10.0, up + 3.0), abs=0.1)
+
+
+#: as an ArduCopter 4.5.6 said them: its home 10 m north, 5 m east and 3 m below the origin
+HOME, ORIGIN = (473978318, 85456604, 485100), (473977420, 85455940, 488100)
+HOME_M, FLIES_M = (9.996432, 5.003387, 3.0), (12.0, 0.0, -5.0)
+NOWHERE = (None, None, None)
+
+
+def where(*messages, px4=False):
+    """Return where a vehicle is that was never seen on the ground, after messages about home and origin."""
+    position = Position(10 * S, 10 * S)
+    for message in messages:
+        if message is None:
+            position.forget_takeoff()
+        elif message.get_type() == "HOME_POSITION":
+            position.add_home(0, message)
+        else:
+            position.add_origin(0, message)
+    if px4:
+        position.add_px4_flags(0, mavlink.MAVLink_estimator_status_message(0, 0x33F, 0, 0, 0, 0, 0, 0, 0, 0))
+    else:
+        position.add_ardupilot_flags(0, mavlink.MAVLink_ekf_status_report_message(0x33F, 0, 0, 0, 0, 0))
+    position.add_local(0, mavlink.MAVLink_local_position_ned_message(0, *FLIES_M, 0, 0, 0), on_ground=False)
+    return position.place(0)[:3]
+
+
+def home(local=(0.0, 0.0, 0.0), place=HOME):
+    return mavlink.MAVLink_home_position_message(*place, *local, [1, 0, 0, 0], 0, 0, 0)
+
+
+def origin(place=ORIGIN):
+    return mavlink.MAVLink_gps_global_origin_message(*place)
+
+
+TOPIC = home(place=(0, 0, 0))  # of mavros, which does not say where on the earth
+
+
+@pytest.mark.parametrize(
+    "messages, known",
+    [
+        ((home(HOME_M),), True),
+        ((home(), origin()), True),
+        ((origin(), home()), True),
+        ((origin(), home(), TOPIC), True),
+        ((home(),), False),
+        ((TOPIC,), False),
+        ((origin(), TOPIC), False),
+        ((origin(),), False),
+        ((home(), origin(), None, home()), False),
+    ],
+    ids=["told", "older", "origin first", "mavros", "no origin", "topic", "no place", "no home", "began again"],
+)
+def test_a_home_at_0_0_0_is_where_it_is_on_the_earth_or_unknown(messages, known):
+    east, north, up = FLIES_M[1] - HOME_M[1], FLIES_M[0] - HOME_M[0], HOME_M[2] - FLIES_M[2]
+    assert where(*messages) == (pytest.approx((east, north, up), abs=1e-4) if known else NOWHERE)
+
+
+def test_home_and_origin_on_both_sides_of_the_date_line_are_near():
+    told = where(home(place=(0, -1_799_999_500, 0)), origin((0, 1_799_999_500, 0)))
+    assert told == pytest.approx((-11.1319, 12.0, 5.0), abs=1e-3)
+
+
+def test_a_px4_s_home_at_0_0_0_is_there():
+    assert where(home(), px4=True) == (0.0, 12.0, 5.0)
 
 
 def test_parameters_come_as_floats_of_their_values():

@@ -330,6 +330,16 @@ def test_an_ekf_status_report_is_taken_from_what_mavros_receives(flags, airspeed
     assert made.airspeed_variance == airspeed
 
 
+def test_home_and_origin_on_the_earth_are_taken_from_what_mavros_receives():
+    """Its topic has the altitude of home above the ellipsoid, and none has the origin's above the sea."""
+    home = mavlink.MAVLink_home_position_message(473978318, 85456604, 485100, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+    origin = mavlink.MAVLink_gps_global_origin_message(473977420, 85455940, 488100)
+    for said in (home, origin):
+        made = Converter().convert(RECEIVED, received(said))
+        assert made.get_type() == said.get_type()
+        assert (made.latitude, made.longitude, made.altitude) == (said.latitude, said.longitude, said.altitude)
+
+
 def test_all_zero_it_is_one_byte_long():
     zeros = mavlink.MAVLink_ekf_status_report_message(0, 0, 0, 0, 0, 0)
     assert received(zeros).len == 1

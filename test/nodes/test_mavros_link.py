@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("rospy")
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
-from amaze_autonomy.autopilot.mavros.messages import BATTERY, EKF, RECEIVED
+from amaze_autonomy.autopilot.mavros.messages import BATTERY, EKF, HOME, ORIGIN, RECEIVED
 from amaze_autonomy.autopilot.mavros.requests import LATE_NS, Lane, request_of
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
@@ -123,13 +123,13 @@ def test_what_waited_behind_a_service_that_hung_is_not_sent_any_more_but_for_a_l
     assert link.state.unsent == 1
 
 
-@pytest.mark.parametrize("wanted, taken", [(CLIENT_MESSAGES, {EKF, BATTERY}), (PLANNER_MESSAGES, {EKF})])
+@pytest.mark.parametrize("wanted, taken", [(CLIENT_MESSAGES, {EKF, BATTERY, HOME, ORIGIN}), (PLANNER_MESSAGES, {EKF})])
 def test_of_what_mavros_receives_only_what_is_wanted_is_looked_at(services, wanted, taken):
     assert services.called == []
     client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
     made, found = MavrosLink("/mavros", client, wanted, lambda: 0, lambda _: None), set()
     made._take = lambda message, source: found.add((message.msgid, source))
-    for number in (0, 30, BATTERY, EKF):
+    for number in (0, 30, BATTERY, EKF, HOME, ORIGIN):
         made._take_received(SimpleNamespace(msgid=number))
     assert found == {(number, RECEIVED) for number in taken}
 

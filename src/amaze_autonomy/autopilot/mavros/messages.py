@@ -3,7 +3,8 @@
 So one client serves both ways to the vehicle. The table at the end: topic below mavros' namespace, type, what is made.
 The names of modes are turned back into numbers, and tell whose they are (`Behind`). Whether ArduPilot has a position is
 in EKF_STATUS_REPORT alone, of which mavros makes no topic, and what it thinks of its battery in the charge state of
-BATTERY_STATUS, which mavros' topic leaves out: both are taken from `mavlink/from`, all that mavros receives.
+BATTERY_STATUS, which mavros' topic leaves out: both are taken from `mavlink/from`, all that mavros receives. So is
+where its home and the origin of its local frame are on the earth.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from ..vehicle.modes import autopilot_of, mavros_number
 
 VEHICLE = (1, 1)
 EKF, BATTERY = int(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT), int(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS)
+HOME, ORIGIN = int(mavlink.MAVLINK_MSG_ID_HOME_POSITION), int(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 _UNKNOWN_AUTOPILOT, _NO_MODE = int(mavlink.MAV_AUTOPILOT_GENERIC), 255  # of PX4 it is 0.0
 _NAMES = {mavlink.MAV_AUTOPILOT_PX4: "PX4's", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot's"}
 _IN_A_ROW = 5  # states that say another autopilot than the known one, disarmed
@@ -252,6 +254,8 @@ def _fields(values: Tuple[Any, ...], lengths: Iterable[int]) -> List[Any]:
 TAKEN_FROM_RECEIVED: Mapping[int, Any] = {
     EKF: mavlink.MAVLink_ekf_status_report_message,
     BATTERY: mavlink.MAVLink_battery_status_message,
+    HOME: mavlink.MAVLink_home_position_message,
+    ORIGIN: mavlink.MAVLink_gps_global_origin_message,
 }
 """What is taken of all that mavros receives."""
 

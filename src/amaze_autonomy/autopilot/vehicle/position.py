@@ -3,11 +3,14 @@
 Position messages stay fresh and come at full rate while the estimate is lost (it once ran 134 km away). Whether it is
 valid is in the flags of ESTIMATOR_STATUS (PX4) or EKF_STATUS_REPORT (ArduPilot) alone; without them nothing is valid.
 The takeoff place is where it stood when it was last on the ground; a link that begins in flight takes HOME_POSITION.
+
+An ArduPilot of before 4.4 says there that the local place of home is 0, 0, 0 wherever it is, a newer one where home is
+the origin of its local frame, or while it has none. There zeros count as where home and origin are on the earth.
 """
 
 from __future__ import annotations
 
-from math import isfinite, sqrt
+from math import cos, isfinite, radians, sqrt
 from typing import Any, NamedTuple, Optional, Tuple
 
 from ..link.dialect import mavlink
@@ -20,6 +23,18 @@ _VELOCITY_HORIZONTAL = mavlink.ESTIMATOR_VELOCITY_HORIZ
 _VERTICAL = mavlink.ESTIMATOR_POS_VERT_ABS
 _ARDUPILOT_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED
 _FARTHEST_M = 1e6  # of what is believed to be a number at all
+_UNSAID: Vector = (0.0, 0.0, 0.0)
+_ARDUPILOT_M = 0.011131884502145034  # of 1e-7 degrees of latitude, on the sphere of which its local frame is made
+_DEG7, _MM = 1e-7, 1e-3
+_TURN = 3_600_000_000  # in 1e-7 degrees
+
+
+class OnEarth(NamedTuple):
+    """A place on the earth as MAVLink says it: 1e-7 degrees, and mm above the sea."""
+
+    latitude: int
+    longitude: int
+    altitude: int
 
 
 class Place(NamedTuple):
@@ -46,6 +61,8 @@ class Position:
         self._flags: Optional[Tuple[int, int]] = None
         self._takeoff: Optional[Vector] = None
         self._home: Optional[Vector] = None
+        self._home_on_earth: Optional[OnEarth] = None
+        self._origin: Optional[OnEarth] = None
         self.home_ns: Optional[int] = None
         self._bad = 0
 
@@ -73,6 +90,12 @@ class Position:
         where = (message.x, message.y, message.z)
         if all(isfinite(value) and abs(value) < _FARTHEST_M for value in where):
             self._home = where
+        if message.latitude or message.longitude:  # made of mavros' topic it has none
+            self._home_on_earth = OnEarth(message.latitude, message.longitude, message.altitude)
+
+    def add_origin(self, _t_ns: int, message: Any) -> None:
+        """Take a GPS_GLOBAL_ORIGIN: where the local frame begins."""
+        self._origin = OnEarth(message.latitude, message.longitude, message.altitude)
 
     @property
     def judged(self) -> bool:
@@ -85,7 +108,7 @@ class Position:
 
     def place(self, t_ns: int) -> Place:
         """Return where the vehicle is, as far as the estimator stands by it."""
-        start = self._takeoff or self._home
+        start = self._takeoff or self._local_home
         if self._local is None or t_ns - self._local[0] > self._age_limit_ns:
             return Place()
         told_ns, (north, east, down), (vx, vy, sinking) = self._local
@@ -101,7 +124,15 @@ class Position:
 
     def forget_takeoff(self) -> None:
         """Forget the takeoff place: the autopilot has started again, and its origin with it."""
-        self._takeoff = self._home = self.home_ns = None
+        self._takeoff = self._home = self._home_on_earth = self._origin = self.home_ns = None
+
+    @property
+    def _local_home(self) -> Optional[Vector]:
+        """The local place of home; None: unknown. Whose flags came tells whose zeros they are."""
+        if self._home != _UNSAID or not self._bad:
+            return self._home
+        home, origin = self._home_on_earth, self._origin
+        return None if home is None or origin is None else _local(home, origin)
 
     def _has(self, t_ns: int, bits: int) -> bool:
         """Return whether any of these flags is set, freshly."""
@@ -111,3 +142,11 @@ class Position:
         if bits & (_HORIZONTAL | _VELOCITY_HORIZONTAL) and flags & self._bad:
             return False
         return bool(flags & bits)
+
+
+def _local(place: OnEarth, origin: OnEarth) -> Vector:
+    """Return north, east and down of the origin in m, as ArduPilot makes them."""
+    half_way = radians((place.latitude + origin.latitude) / 2 * _DEG7)
+    eastwards = (place.longitude - origin.longitude + _TURN // 2) % _TURN - _TURN // 2
+    north, east = (place.latitude - origin.latitude) * _ARDUPILOT_M, eastwards * _ARDUPILOT_M * cos(half_way)
+    return north, east, (origin.altitude - place.altitude) * _MM

@@ -69,6 +69,9 @@ _TAKERS: Mapping[str, _Taken] = {
     "ESTIMATOR_STATUS": _Taken("position.add_px4_flags", 5.0, _ESTIMATE),
     "EKF_STATUS_REPORT": _Taken("position.add_ardupilot_flags", 5.0, _ESTIMATE),
     "HOME_POSITION": _Taken("position.add_home", 0.5, "whether there is a home to return to"),
+    "GPS_GLOBAL_ORIGIN": _Taken(
+        "position.add_origin", 0.5, "of ArduPilot alone: where home is that it says to be at 0, 0, 0"
+    ),
     "ATTITUDE": _Taken("_attitude", 10.0, "roll and pitch: how far it is tilted"),
     "STATUSTEXT": _Taken("texts.add"),
     "EVENT": _Taken("_event"),

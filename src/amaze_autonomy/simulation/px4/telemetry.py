@@ -290,6 +290,11 @@ def _home_position(view: View) -> Any:
     )
 
 
+def _gps_global_origin(view: View) -> Any:
+    origin = view.craft.geography.origin
+    return mavlink.MAVLink_gps_global_origin_message(origin.lat, origin.lon, origin.alt_mm, view.t_us)
+
+
 def _position_target_local_ned(view: View) -> Any:
     goal = view.craft.set_point if view.craft.mode == OFFBOARD else None
     place = goal.position_m if goal is not None else None
@@ -321,6 +326,7 @@ MOTION: Mapping[str, Callable[[View], Any]] = {
     "DISTANCE_SENSOR": _distance_sensor,
     "ESTIMATOR_STATUS": _estimator_status,
     "GLOBAL_POSITION_INT": _global_position_int,
+    "GPS_GLOBAL_ORIGIN": _gps_global_origin,
     "GPS_RAW_INT": _gps_raw_int,
     "HIGHRES_IMU": _highres_imu,
     "HOME_POSITION": _home_position,
