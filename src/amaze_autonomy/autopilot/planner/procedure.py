@@ -308,7 +308,7 @@ class Procedure:
             self._late(t_ns)
         watch = self._means.watch
         blind = not heard and watch.pilot  # the last that was heard: whether he still flies is not known
-        hands_off = taken or blind or (watch.armed and watch.may_be_pilot) or self._shown(t_ns)
+        hands_off = taken or blind or (watch.armed and watch.may_be_pilot) or self._asks() or self._shown(t_ns)
         return self._send(t_ns) if sends and self.running and not hands_off else []
 
     def stood_still(self, duration_ns: int) -> None:
@@ -346,11 +346,25 @@ class Procedure:
         """Return whether the vehicle shows the effect, by a heartbeat (a mode: CURRENT_MODE, too) after the command.
 
         A mode that is shown is not sent again: a pilot may choose another one in the second until the next heartbeat.
+        Nor is a hold of ours that a failsafe may have taken for its own.
         """
         step, watch = self._steps[self._number], self._means.watch
         said_ns = watch.mode_ns if step.mode else watch.heartbeat_ns
         after = not step.always or (said_ns is not None and said_ns > self._first_ns)
-        return after and step.done(self._means, t_ns)
+        kept = self.action is MissionAction.HOLD and watch.control.may_wait and not watch.control.acts_unasked
+        return (after or kept) and step.done(self._means, t_ns)
+
+    def _ends_a_failsafe(self) -> bool:
+        """Return whether a failsafe holds, or may hold, that any mode of this command would end."""
+        control = self._means.watch.control
+        if self.action is MissionAction.RESUME:
+            return control.may_wait
+        return self.action is MissionAction.HOLD and control.acts_unasked
+
+    def _asks(self) -> bool:
+        """Return whether a heartbeat must say first whether the hold that shows is a failsafe's."""
+        watch, ends = self._means.watch, self.action in (MissionAction.HOLD, MissionAction.RESUME)
+        return ends and watch.mode == HOLD and watch.control.unexplained
 
     @property
     def _answered(self) -> bool:
@@ -362,18 +376,13 @@ class Procedure:
         watch, step, mode_ns = self._means.watch, self._steps[self._number], self._means.watch.mode_ns or 0
         if self._answered and watch.latest_mode not in self._means.commanded:
             return f"the vehicle went to {watch.latest_mode} by itself", watch.latest_ns
+        if watch.armed and not is_foreign(watch.mode) and self._ends_a_failsafe():
+            return f"the autopilot acts by its failsafe (mode {watch.mode})", mode_ns
         if watch.mode == step.mode:
             return "", mode_ns
         if watch.armed and not self._persistent and (watch.mode in LANDING_MODES or watch.lands):
             told_ns = mode_ns if watch.mode in LANDING_MODES else watch.landed_ns or 0
             return f"the vehicle lands (mode {watch.mode})", told_ns
-        if (
-            self.action is MissionAction.RESUME
-            and watch.armed
-            and watch.control.may_wait
-            and not is_foreign(watch.mode)
-        ):
-            return f"the autopilot acts by its failsafe (mode {watch.mode})", mode_ns
         if watch.mode == self._start_mode:  # a vehicle stands in any mode before it is armed
             taken = bool(watch.armed) and watch.pilot
         else:

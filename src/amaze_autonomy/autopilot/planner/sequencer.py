@@ -19,7 +19,7 @@ from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
 
-from ..link.dialect import Message
+from ..link.dialect import Message, mavlink
 from ..vehicle.agreement import GROUND_NS, Attention
 from ..vehicle.asked import Rates
 from ..vehicle.modes import LAND, LANDING_MODES, is_foreign
@@ -37,6 +37,7 @@ _S = 1_000_000_000
 _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
 _LATE_NS = 3 * _S  # within which a command of ours may still take effect, on a slow way
 _OTHER_NS = _S  # how long the autopilot node's word counts; it repeats it at 5 Hz
+_ASK_BEAT_NS = 3 * _S // 10  # between two questions
 _STATUS_NS = _S // 5  # between two statuses of this node: the last one may be so old when it stops
 _LANDINGS = (MissionAction.LAND, MissionAction.ABORT)
 _ASKED, _NO_TAKEOFF = "a landing was commanded", "the takeoff failed"
@@ -93,6 +94,7 @@ class Sequencer:
         self._commanded_ns = -_LATE_NS  # when something else than a landing was sent last
         self._other, self._other_ns = "", -_OTHER_NS
         self._attention = Attention()
+        self._beat_due_ns = 0
 
     # --- the link -------------------------------------------------------------------------------------------------
 
@@ -128,8 +130,18 @@ class Sequencer:
         self.watch.texts.wake(t_ns)
         self._follow(t_ns)
         sent += self._proceed(t_ns) + self._stream(t_ns)
-        asks = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
-        return [*sent, *self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)] if asks else sent
+        if not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+            return sent
+        asked = self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)
+        return [*sent, *self._ask_beat(t_ns), *asked]
+
+    def _ask_beat(self, t_ns: int) -> List[Message]:
+        """Ask for a heartbeat that must say whether a failsafe chose a mode that was not commanded here."""
+        if not self.watch.control.unexplained or t_ns < self._beat_due_ns:
+            return []
+        self._beat_due_ns = t_ns + _ASK_BEAT_NS
+        wanted = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return [mavlink.MAVLink_command_long_message(*self.watch.target, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, *wanted)]
 
     def _look(self, t_ns: int, *, read: bool = False) -> None:
         """Notice that this process stood still."""
@@ -618,7 +630,7 @@ def _unfit(standing: Standing, action: MissionAction) -> str:
     if watch.armed and is_foreign(watch.mode):
         return f"the autopilot flies by itself (mode {watch.mode})"
     control = watch.control
-    if not takes_off and (control.acts_alone or (action is _A.RESUME and control.may_wait)):
+    if not takes_off and (control.acts_unasked or (action is _A.RESUME and control.may_wait)):
         return f"the autopilot acts by its failsafe (mode {watch.mode})"
     if not takes_off and (watch.mode in LANDING_MODES or watch.lands):
         return f"the vehicle lands (mode {watch.mode})"

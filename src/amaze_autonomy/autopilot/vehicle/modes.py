@@ -178,7 +178,7 @@ def autopilot_of(name: str) -> Optional[int]:
 # The flag alone takes the vehicle from nobody: at a low battery of which nothing is made it stays in our mode, CRITICAL
 # as an ArduPilot, and as a PX4 of a version to which a warning is a failsafe, too. A failsafe acts alone when the mode
 # has left ours. A hold is ours or its own (PX4 holds before it returns): ours where the vehicle held, or flew on with
-# the flag up, before that.
+# the flag up, before that. Who commands the holds, the planner, takes no other one under the flag for its own.
 #
 # The mode is in each HEARTBEAT (PX4: 1 Hz, whatever it is asked) and in CURRENT_MODE, which shows a change within 0.12
 # s.
@@ -223,13 +223,15 @@ class Control:
         self._before: Optional[str] = None
         self._hold_is_ours = False  # one that shows under the flag
         self._flag_in_hold = False  # it came up while the vehicle held, and it holds since
+        self._hold_commanded = False  # here, the one that it is in
+        self._by_mode_alone = False  # its mode is new, and no heartbeat has come since
         self._flown = False  # armed since it was commanded: a mode to arm in is commanded before
 
     def add(self, beat: Heartbeat) -> None:
         """Take a heartbeat; of two in a row that say so it is disarmed again, and what was commanded is over."""
         over = not beat.armed and (self.beat is None or not self.beat.armed)
         flagged = self.beat is not None and self.beat.status in _FAILSAFE
-        self.beat, self.mode_ns = beat, beat.t_ns
+        self.beat, self.mode_ns, self._by_mode_alone = beat, beat.t_ns, False
         if over and self._flown:
             self._commanded, self._confirmed = None, False
         self._flown = self._flown or beat.armed
@@ -250,12 +252,14 @@ class Control:
             return False
         mode, self.mode_ns = mode_name(beat.autopilot, custom_mode, beat.vehicle), t_ns
         self.beat = beat._replace(mode=mode)
+        self._by_mode_alone = self._by_mode_alone or mode != beat.mode
         self._confirm(self.beat)
         return mode != beat.mode
 
     def _confirm(self, beat: Heartbeat) -> None:
         self._shown = self._shown + 1 if beat.armed and self._is_commanded(beat.mode) else 0
         self._confirmed = self._confirmed or self._shown >= _IN_A_ROW
+        self._hold_commanded = beat.mode == HOLD and (self._hold_commanded or self._is_commanded(HOLD))
 
     def _is_commanded(self, mode: str) -> bool:
         return self._commanded is not None and mode in (self._commanded, *_SAME.get(self._commanded, ()))
@@ -290,14 +294,25 @@ class Control:
         return is_foreign(beat.mode)
 
     @property
-    def may_wait(self) -> bool:
-        """Whether a failsafe acts alone, or may have taken our hold for its own: PX4 holds before it returns.
+    def acts_unasked(self) -> bool:
+        """Whether a failsafe acts alone, or it holds under the flag and whoever asks has commanded no hold."""
+        holds = self.beat is not None and self.beat.mode == HOLD and self.failsafe
+        return self.acts_alone or (holds and not self._hold_commanded)
 
-        Any mode that is commanded then is the user's takeover to it, and ends the failsafe.
+    @property
+    def may_wait(self) -> bool:
+        """Whether a failsafe acts unasked, or may have taken our hold for its own: PX4 holds before it returns.
+
+        Any mode that is commanded then, a hold as well, is the user's takeover to it, and ends the failsafe.
         """
+        waits = self.beat is not None and self.beat.mode == HOLD and self._flag_in_hold and self.failsafe
+        return self.acts_unasked or waits
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether it is in a mode that was not commanded, and no heartbeat has said yet whether a failsafe chose it."""
         beat = self.beat
-        waits = beat is not None and beat.mode == HOLD and self._flag_in_hold and self.failsafe
-        return self.acts_alone or waits
+        return beat is not None and beat.armed and self._by_mode_alone and not self._is_commanded(beat.mode)
 
     @property
     def pilot(self) -> bool:
