@@ -208,6 +208,14 @@ STORIES: Sequence[Told] = (
         ("ros/mavros.py::test_it_lands_through_set_mode_and_disarms_by_command",),
     ),
     Told(
+        "A serial device or a network that stalled brings no command late, no landing either: it is said again.",
+        (
+            "autopilot/test_stalled_output.py::test_no_landing_that_is_old_comes_out_of_a_serial_device_that_stalled_and_it_stays_open",
+            "autopilot/test_stalled_output.py::test_no_landing_that_is_old_comes_over_tcp_after_the_network_was_away",
+            "autopilot/test_stalled_output.py::test_over_a_connection_that_nobody_has_spoken_on_nothing_is_commanded",
+        ),
+    ),
+    Told(
         "An engine with a thread that ends or hangs lands and goes on anew; one that hangs altogether ends the stack.",
         (
             "nodes/test_ending.py::test_threads_go_on_that_live_and_of_which_the_one_that_decides_has_turned_within_five_seconds",

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import abc
 import contextlib
+import functools
 import os
 import threading
 import time
 from typing import Any, Callable, Iterable, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
-from .dialect import Message, mavlink
+from .dialect import Message, changes_flight, mavlink
 from .peers import Identity, Peers
 from .ports import make_port, parse_endpoint, wait_readable
 from .wire import SigningKey, Stamps, Wire
@@ -357,8 +358,8 @@ class Connection(ClientHost):
     def _transmit(self, messages: Iterable[Message]) -> None:
         for message in messages:
             data = self._wire.send(message, time.time_ns())
-            sent = not self._problem and self._attempt(lambda data=data: self._port.write(data))  # type: ignore[misc]
-            self._unsent += not sent
+            write = functools.partial(self._port.write, data, flies=changes_flight(message))
+            self._unsent += bool(self._problem) or not self._attempt(write)
         if self._port.blocked:
             self._nudge()
 
@@ -371,6 +372,9 @@ class Connection(ClientHost):
             return False
 
     def _drop(self, problem: str) -> None:
+        if not self._ended:
+            with contextlib.suppress(OSError):
+                self._port.discard()  # nobody knows when it would come
         with contextlib.suppress(OSError):
             self._port.close()
         self._wire.forget()

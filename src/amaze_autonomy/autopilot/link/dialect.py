@@ -12,9 +12,31 @@ from typing import Any, Dict, List, Tuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-__all__ = ["Message", "current_mode_message", "event_message", "mavlink", "message_id", "source_of"]
+__all__ = [
+    "FLIGHT_COMMANDS",
+    "LATE_NS",
+    "Message",
+    "changes_flight",
+    "current_mode_message",
+    "event_message",
+    "mavlink",
+    "message_id",
+    "source_of",
+]
 
 Message = Any  # a pymavlink message: its fields are attributes, `get_type()` is its name
+
+FLIGHT_COMMANDS = frozenset(
+    {
+        mavlink.MAV_CMD_DO_SET_MODE,
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        mavlink.MAV_CMD_MISSION_START,
+        mavlink.MAV_CMD_NAV_TAKEOFF,
+    }
+)
+"""What changes what the vehicle does."""
+LATE_NS = 500_000_000
+"""How long such a command may wait for its way out: as long as a node may stand still before it listens first."""
 
 
 def _added(name: str, number: int, extra: int, form: str, fields: Dict[str, int]) -> Any:
@@ -104,6 +126,12 @@ def message_id(name: str) -> int:
 def source_of(message: Message) -> Tuple[int, int]:
     """Return the system and the component that sent a message."""
     return int(message.get_srcSystem()), int(message.get_srcComponent())
+
+
+def changes_flight(message: Message) -> bool:
+    """Return whether a message changes what the vehicle does: nobody may want it any more when it comes late."""
+    name = message.get_type()
+    return name == "MISSION_SET_CURRENT" or (name == "COMMAND_LONG" and message.command in FLIGHT_COMMANDS)
 
 
 def _ids() -> Dict[str, int]:

@@ -17,9 +17,11 @@ import socket
 import struct
 import termios
 import time
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from collections import deque
+from typing import Any, Callable, Deque, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from ..errors import EndpointError
+from .dialect import LATE_NS
 
 # --- endpoint ---------------------------------------------------------------------------------------------------------
 # Connection URLs as MAVLink people write them.
@@ -103,6 +105,7 @@ _HOLDS = 1 << 20  # bytes that wait while this process stands still: by default 
 _STAMPS = 35  # SO_TIMESTAMPNS of Linux (asm-generic/socket.h), for which Python has no name
 _STAMP = struct.Struct("@ll")  # timespec: seconds, nanoseconds
 _S = 1_000_000_000
+_NOTHING_IS_SENT = struct.pack("@ii", 1, 0)  # SO_LINGER: closing resets the connection
 
 
 class Chunk(NamedTuple):
@@ -156,23 +159,36 @@ class Port(abc.ABC):
         """Return what has come in, and whom from."""
 
     @abc.abstractmethod
-    def write(self, data: bytes) -> bool:
-        """Send what can be sent now, keep the rest; return False when there is no room or nobody to send to."""
+    def write(self, data: bytes, *, flies: bool = False) -> bool:
+        """Send what can be sent now, keep the rest; return False when there is no room or nobody to send to.
+
+        Args:
+            data: a message.
+            flies: it changes what the vehicle does, and must not come later than `LATE_NS`.
+        """
 
     def flush(self) -> None:
         """Send what was kept."""
+
+    def discard(self) -> None:
+        """Have nothing of what waits, here and in the system, sent any more: at once, or when it is closed."""
 
     def prefer(self, source: Any) -> None:
         """Send to this source from now on: the vehicle speaks from there."""
 
 
 class _Stream(Port):
-    """What serial devices and TCP have in common: bytes that must be written in their order."""
+    """What serial devices and TCP have in common: bytes that must be written in their order.
+
+    They wait here, and in the system. What must not come late and has waited for too long is not sent any more.
+    """
 
     def __init__(self, endpoint: Endpoint) -> None:
         super().__init__(endpoint)
         self._fd: Optional[int] = None
         self._pending = bytearray()
+        self._given = 0  # bytes that were to be written
+        self._flying: Deque[Tuple[int, int]] = deque()  # what must not come late: up to which of them, and since when
 
     def fileno(self) -> Optional[int]:
         return self._fd
@@ -185,7 +201,15 @@ class _Stream(Port):
         if self._fd is not None:
             os.close(self._fd)
         self._fd = None
+        self._forget()
+
+    def _forget(self) -> None:
         self._pending.clear()
+        self._flying.clear()
+
+    @abc.abstractmethod
+    def _give_up(self) -> None:
+        """Have nothing sent of what waits; raise OSError where that takes another connection."""
 
     def read(self) -> List[Chunk]:
         if self._fd is None:
@@ -198,18 +222,38 @@ class _Stream(Port):
             raise ConnectionResetError("the other end has closed")
         return [Chunk(None, data)]
 
-    def write(self, data: bytes) -> bool:
+    def write(self, data: bytes, *, flies: bool = False) -> bool:
+        self.flush()
         if self._fd is None or len(self._pending) + len(data) > _PENDING_LIMIT:
             return False
         self._pending += data
-        self.flush()
+        self._given += len(data)
+        if flies:
+            self._flying.append((self._given, time.monotonic_ns()))
+        self._push(self._fd)
         return True
 
     def flush(self) -> None:
-        if self._fd is None or not self._pending:
-            return
-        with contextlib.suppress(BlockingIOError):
-            del self._pending[: os.write(self._fd, self._pending)]
+        if self._fd is not None:
+            if self._is_late(self._fd):
+                self._give_up()
+            self._push(self._fd)
+
+    def _push(self, fd: int) -> None:
+        if self._pending:
+            with contextlib.suppress(BlockingIOError):
+                del self._pending[: os.write(fd, self._pending)]
+
+    def _is_late(self, fd: int) -> bool:
+        if not self._flying:
+            return False
+        held = bytes(4)
+        with contextlib.suppress(OSError):  # a driver that does not tell
+            held = fcntl.ioctl(fd, termios.TIOCOUTQ, held)  # of TCP: what was not acknowledged
+        gone = self._given - len(self._pending) - int(struct.unpack("@i", held)[0])
+        while self._flying and self._flying[0][0] <= gone:
+            self._flying.popleft()
+        return bool(self._flying) and time.monotonic_ns() - self._flying[0][1] > LATE_NS
 
 
 class _Serial(_Stream):
@@ -222,6 +266,18 @@ class _Serial(_Stream):
             raise EndpointError(
                 str(endpoint), "this system has no such baud rate", "57600, 115200 and 921600 are usual"
             )
+
+    def write(self, data: bytes, *, flies: bool = False) -> bool:  # noqa: ARG002
+        return super().write(data, flies=True)  # to give up costs nothing here: nothing at all comes late
+
+    def _give_up(self) -> None:
+        self.discard()  # half a message may have gone: whoever reads finds the next
+
+    def discard(self) -> None:
+        self._forget()
+        if self._fd is not None:
+            with contextlib.suppress(termios.error):
+                termios.tcflush(self._fd, termios.TCOFLUSH)
 
     def open(self) -> None:
         if self._fd is not None:
@@ -245,7 +301,15 @@ class _Serial(_Stream):
 
 
 class _Tcp(_Stream):
-    """A TCP connection that is made from here."""
+    """A TCP connection that is made from here.
+
+    What the system has taken it sends again and again until it is acknowledged; only a reset ends that. So it is reset
+    for a command that comes late, and for nothing less: not every peer takes another connection at once.
+    """
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        super().__init__(endpoint)
+        self._heard = False  # somebody has spoken on this connection
 
     @property
     def silence_is_loss(self) -> bool:
@@ -256,10 +320,38 @@ class _Tcp(_Stream):
             address = (self.endpoint.address, self.endpoint.number)
             self._adopt(socket.create_connection(address, timeout=_CONNECT_LIMIT_S))
 
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._set(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, LATE_NS // 1_000_000)
+        super().close()
+
+    def write(self, data: bytes, *, flies: bool = False) -> bool:
+        # a peer that has one connection at a time reads this one, late, when it knows that it has lost the last one
+        return (self._heard or not flies) and super().write(data, flies=flies)
+
+    def read(self) -> List[Chunk]:
+        chunks = super().read()
+        self._heard = self._heard or bool(chunks)
+        return chunks
+
+    def _give_up(self) -> None:
+        raise TimeoutError(f"a command was not taken within {LATE_NS / _S:.1f} s")
+
+    def discard(self) -> None:
+        self._set(socket.SOL_SOCKET, socket.SO_LINGER, _NOTHING_IS_SENT)
+
+    def _set(self, level: int, option: int, value: Union[int, bytes]) -> None:
+        if self._fd is not None:
+            same = socket.socket(fileno=self._fd)
+            try:
+                same.setsockopt(level, option, value)
+            finally:
+                same.detach()
+
     def _adopt(self, connected: socket.socket) -> None:
         connected.setblocking(False)
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._fd = connected.detach()
+        self._fd, self._heard = connected.detach(), False
 
 
 class _TcpIn(_Tcp):
@@ -345,7 +437,7 @@ class _Udp(Port):
                 return max(0, min(waited_ns, time.monotonic_ns() - self._empty_ns))
         return 0
 
-    def write(self, data: bytes) -> bool:
+    def write(self, data: bytes, *, flies: bool = False) -> bool:  # noqa: ARG002 - nothing waits
         targets = list(self._peers) if self._vehicle is None else [self._vehicle]
         return bool([self._send(data, target) for target in targets].count(True))
 
@@ -373,7 +465,7 @@ class _UdpOut(_Udp):
             made.connect(address)
             self._adopt(made)
 
-    def write(self, data: bytes) -> bool:
+    def write(self, data: bytes, *, flies: bool = False) -> bool:  # noqa: ARG002
         with contextlib.suppress(BlockingIOError, ConnectionError):
             return self._socket is not None and self._socket.send(data) == len(data)
         return False

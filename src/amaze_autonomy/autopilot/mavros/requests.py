@@ -11,7 +11,7 @@ import enum
 import math
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
-from ..link.dialect import Message, mavlink
+from ..link.dialect import FLIGHT_COMMANDS, LATE_NS, Message, mavlink
 from ..vehicle.modes import LANDING_MODES, mavros_name, mode_name
 
 _SET_MODE, _COMMAND, _PARAMETER = "set_mode", "cmd/command", "param/get"
@@ -24,7 +24,6 @@ MISSION_SERVICES: Mapping[str, str] = {
     _SET_CURRENT: "WaypointSetCurrent",
 }
 """The same, by who flies missions."""
-LATE_NS = 500_000_000  # as long as a node may stand still before it listens first
 
 
 class Lane(enum.Enum):
@@ -43,17 +42,6 @@ a mission, of which there are some hundred, up to 3 times 1 s in the worst case.
 
 COMMAND_SERVICES: Mapping[Lane, str] = {Lane.MODE: _SET_MODE, Lane.ARMING: _COMMAND}
 """The lanes of what the vehicle is commanded, and the service of each."""
-
-
-_FLIES = frozenset(
-    {
-        mavlink.MAV_CMD_DO_SET_MODE,
-        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
-        mavlink.MAV_CMD_MISSION_START,
-        mavlink.MAV_CMD_NAV_TAKEOFF,
-    }
-)
-"""What changes what the vehicle does."""
 
 
 class Request(NamedTuple):
@@ -81,7 +69,7 @@ class Request(NamedTuple):
     @property
     def flies(self) -> bool:
         """Whether it changes what the vehicle does: nobody may want it any more when it comes late."""
-        return self.command in _FLIES or self.service == _SET_CURRENT
+        return self.command in FLIGHT_COMMANDS or self.service == _SET_CURRENT
 
 
 def is_late(request: Request, waited_ns: int) -> bool:
