@@ -56,6 +56,18 @@ class Follower:
         raise AssertionError(f"not within {limit} steps: {self.at}")
 
 
+@pytest.mark.parametrize("steps_ms", [(50,), (100,), (100, 150), (92, 108)])
+def test_its_speed_is_the_model_s_at_each_rate_of_set_points(steps_ms):
+    guided, t_ns, at = guidance(Waypoint(0.0, 100.0, 1.0, 0.0, 0.0)), 0, ORIGIN
+    places = {}
+    for tick in range(400):
+        t_ns += steps_ms[tick % len(steps_ms)] * 1_000_000
+        at = places[t_ns] = place(guided.step(t_ns, pose(*at), None))
+    begin_ns, end_ns = (min(places, key=lambda each: abs(each - t_s * S)) for t_s in (8, 18))
+    flown_m = math.dist(places[begin_ns], places[end_ns])
+    assert flown_m / ((end_ns - begin_ns) / S) == pytest.approx(MODEL.cruise_speed_m_s, rel=0.01)
+
+
 def test_it_climbs_straight_up_then_flies_each_leg_then_is_finished():
     guided = guidance(Waypoint(0.0, 4.0, 2.0, 0.0, 1.0), Waypoint(3.0, 4.0, 2.0, math.pi / 2, 0.0))
     follower = Follower(guided)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import pytest
 
 from amaze_autonomy import paths
-from amaze_autonomy.config import AutopilotSettings, load_configuration
+from amaze_autonomy.config import AutopilotSettings, ConfigError, load_configuration
 
 
 def test_the_shipped_file_says_the_defaults_and_the_parameters_that_matter():
@@ -73,3 +74,9 @@ def test_a_mission_by_set_points_has_what_follows_their_loss_compared():
 def test_what_cannot_be_is_refused_with_its_line(mistake, text, message):
     said = mistake("autopilot.yaml", text)
     assert said.startswith("autopilot.yaml:1: ") if message is None else said == message
+
+
+@pytest.mark.parametrize("rate_hz, good", [(9.9, False), (10.0, True), (20.0, True), (20.1, False)])
+def test_a_rate_of_set_points_that_would_not_be_kept_is_refused(rate_hz, good):
+    with nullcontext() if good else pytest.raises(ConfigError, match="setpoint_rate_hz"):
+        load_configuration(paths.config_folder(), [f"missions.planner.setpoint_rate_hz={rate_hz}"])
