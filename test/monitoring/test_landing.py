@@ -105,6 +105,77 @@ def test_a_vehicle_that_stands_is_on_the_ground_after_half_a_second():
     assert 0.5 <= flight.changes[1][0] <= 0.65
 
 
+FLYING = [VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING]
+
+
+@pytest.mark.parametrize("said", [None, VehicleLanded.UNKNOWN, VehicleLanded.ON_GROUND])
+def test_a_start_on_the_ground_is_short_as_long_as_the_autopilot_does_not_say_that_it_flies(
+    said: Optional[VehicleLanded],
+):
+    flight = Flight()
+    flight.autopilot = said
+    flight.fly(1.0, level(0.0))
+    assert flight.said == [UNKNOWN, GROUND]
+    assert 0.5 <= flight.changes[1][0] <= 0.65
+
+
+@pytest.mark.parametrize("said", FLYING)
+def test_a_start_low_in_the_air_is_not_on_the_ground_while_the_autopilot_says_that_it_flies(said: VehicleLanded):
+    flight = Flight()
+    flight.autopilot = said
+    assert flight.fly(5.0, level(0.05)).said == [UNKNOWN]
+    flight.autopilot = VehicleLanded.ON_GROUND
+    assert flight.fly(1.9, level(0.0)).said == [UNKNOWN]
+    assert flight.fly(0.2, level(0.0)).said == [UNKNOWN, GROUND]
+
+
+def test_a_single_word_that_it_flies_makes_the_long_dwell_and_stillness_count():
+    flight = Flight()
+    flight.detector.add_autopilot(0, VehicleLanded.IN_AIR)
+    flight.fly(0.5 + 0.02 + 1.9, level(0.0))  # it is silent, and counts for half a second
+    assert flight.said == [UNKNOWN]
+    assert flight.fly(0.2, level(0.0)).said == [UNKNOWN, GROUND]
+
+
+@pytest.mark.parametrize("said", FLYING)
+@pytest.mark.parametrize("before", [None, VehicleLanded.UNKNOWN])
+def test_a_judgement_without_the_autopilot_is_taken_back_when_it_says_that_it_flies(
+    before: Optional[VehicleLanded], said: VehicleLanded
+):
+    flight = Flight()
+    flight.autopilot = before
+    assert flight.fly(1.0, level(0.05)).said == [UNKNOWN, GROUND]
+    flight.autopilot = said
+    assert flight.fly(0.1, level(0.05)).said == [UNKNOWN, GROUND, UNKNOWN]
+    verdict = flight.detector.evaluate(round(flight.t_s * S))
+    reason = "near the ground, but it moves or the autopilot says that it flies"
+    assert (verdict.distance_m, verdict.reason) == (pytest.approx(0.05), reason)
+    assert flight.fly(5.0, level(0.05)).said == [UNKNOWN, GROUND, UNKNOWN]
+    flight.autopilot = VehicleLanded.ON_GROUND
+    assert flight.fly(1.9, level(0.0)).said == [UNKNOWN, GROUND, UNKNOWN]
+    assert flight.fly(0.2, level(0.0)).said == [UNKNOWN, GROUND, UNKNOWN, GROUND]
+
+
+@pytest.mark.parametrize("said", FLYING)
+def test_a_judgement_that_the_autopilot_agreed_to_stands_until_it_is_far_from_the_ground(said: VehicleLanded):
+    flight = Flight().fly(1.0, level(0.0))
+    for flight.autopilot in (VehicleLanded.ON_GROUND, said):
+        flight.fly(1.0, level(0.0))
+    assert flight.said == [UNKNOWN, GROUND]
+    assert flight.fly(2.0, level(2.0)).said == [UNKNOWN, GROUND, AIR]
+
+
+def test_a_vehicle_that_is_lost_from_sight_while_it_takes_off_needs_the_long_dwell():
+    flight = Flight()
+    flight.autopilot = VehicleLanded.ON_GROUND
+    flight.fly(1.0, level(0.0))
+    flight.autopilot = VehicleLanded.TAKING_OFF
+    assert flight.fly(1.0, level(nan)).fly(3.0, level(0.05)).said == [UNKNOWN, GROUND, UNKNOWN]
+    flight.autopilot = VehicleLanded.ON_GROUND
+    assert flight.fly(1.9, level(0.0)).said == [UNKNOWN, GROUND, UNKNOWN]
+    assert flight.fly(0.2, level(0.0)).said == [UNKNOWN, GROUND, UNKNOWN, GROUND]
+
+
 def test_it_is_airborne_soon_after_lift_off(hovering: Flight):
     crossing_s = 2.0 + 0.3  # 1 m/s
     assert crossing_s + 0.5 <= hovering.changes[2][0] <= crossing_s + 0.8
@@ -188,7 +259,9 @@ def test_a_gap_that_nobody_asked_about_begins_the_dwell_anew(gap_s: float):
 def test_between_ground_and_air_the_last_judgement_stands():
     flight = Flight().fly(1.0, level(0.0)).fly(5.0, level(0.2))
     assert flight.said == [UNKNOWN, GROUND]
-    assert Flight().fly(5.0, level(0.2)).said == [UNKNOWN]
+    started_between = Flight().fly(5.0, level(0.2))
+    assert started_between.said == [UNKNOWN]
+    assert started_between.detector.evaluate(5 * S).reason == "neither near the ground nor clear of it"
 
 
 def test_time_that_jumps_backwards_begins_anew_and_remembers_the_flight(hovering: Flight):

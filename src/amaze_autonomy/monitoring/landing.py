@@ -9,8 +9,10 @@
 
 Near is below `ground_distance_m`, far above `airborne_distance_m`; in between the last judgement stands, and anything
 but near begins the dwell anew. A vehicle that was airborne stays so through UNKNOWN: it needs the long dwell. So a
-bounce, a low pass over the pad or a hand under the sensor is no landing. The judgement moves when a range arrives, at
-most once per `STEP_NS`, and does not depend on how often somebody asks.
+bounce, a low pass over the pad or a hand under the sensor is no landing. Before ON_GROUND, an autopilot that says that
+it flies is enough to have been airborne: the node may have been started low in the air. An ON_GROUND that it never
+agreed to is taken back then. The judgement moves when a range arrives, at most once per `STEP_NS`, and does not depend
+on how often somebody asks.
 """
 
 from __future__ import annotations
@@ -148,6 +150,7 @@ class GroundDistance:
 _S = 1_000_000_000
 STEP_NS = _S // 20
 _FAR_PAST_NS = -(2**62)
+_FLYING = frozenset((VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING))
 
 
 class LandingVerdict(NamedTuple):
@@ -176,6 +179,7 @@ class LandingDetector:
         self._ground = GroundDistance(self.spec)
         self._landed, self._reason = Landed.UNKNOWN, ""
         self._was_airborne = False
+        self._agreed = False
         self._distance_m: Optional[float] = None
         self._near_since_ns: Optional[int] = None
         self._far_since_ns: Optional[int] = None
@@ -296,6 +300,7 @@ class LandingDetector:
         if distance_m < -spec.ground_distance_m:
             self._lose("something is nearer to the range finder than the ground can be")
             return
+        self._hear_autopilot(t_ns)
         near, far = distance_m <= spec.ground_distance_m, distance_m > spec.airborne_distance_m
         near = near and (not self._was_airborne or self._at_rest(t_ns))
         self._near_since_ns = (t_ns if self._near_since_ns is None else self._near_since_ns) if near else None
@@ -307,15 +312,27 @@ class LandingDetector:
             self._landed, self._was_airborne = Landed.ON_GROUND, False
         self._reason = self._words(near=near)
 
+    def _hear_autopilot(self, t_ns: int) -> None:
+        """Let the autopilot agree to ON_GROUND, or speak against it while it has not."""
+        said = self._said(t_ns)
+        self._agreed = self._landed is Landed.ON_GROUND and (self._agreed or said is VehicleLanded.ON_GROUND)
+        if said in _FLYING and not self._agreed:
+            self._was_airborne = True
+            if self._landed is Landed.ON_GROUND:
+                self._landed = Landed.UNKNOWN
+
+    def _said(self, t_ns: int) -> VehicleLanded:
+        """Return what the autopilot says; UNKNOWN when that is old."""
+        said_ns, landed = self._autopilot
+        return landed if abs(t_ns - said_ns) <= self.spec.age_limit_ns else VehicleLanded.UNKNOWN
+
     def _at_rest(self, t_ns: int) -> bool:
         """Return False when vertical speed or autopilot, as far as they are known, speak against a landing."""
-        limit_ns = self.spec.age_limit_ns
         speed_ns, speed_m_s = self._speed
-        if abs(t_ns - speed_ns) <= limit_ns and abs(speed_m_s) > self.spec.max_vertical_speed_m_s:
+        fresh = abs(t_ns - speed_ns) <= self.spec.age_limit_ns
+        if fresh and abs(speed_m_s) > self.spec.max_vertical_speed_m_s:
             return False
-        said_ns, landed = self._autopilot
-        fresh = abs(t_ns - said_ns) <= limit_ns
-        return not fresh or landed in (VehicleLanded.UNKNOWN, VehicleLanded.ON_GROUND)
+        return self._said(t_ns) not in _FLYING
 
     def _words(self, *, near: bool) -> str:
         if self._landed is Landed.ON_GROUND:
@@ -323,4 +340,8 @@ class LandingDetector:
         if near:
             dwell_ns = self.spec.landed_dwell_ns if self._was_airborne else self.spec.settle_ns
             return f"near the ground, not yet for {seconds(dwell_ns)}"
-        return "in the air" if self._landed is Landed.AIRBORNE else "neither near the ground nor clear of it"
+        if self._landed is Landed.AIRBORNE:
+            return "in the air"
+        if self._distance_m is not None and self._distance_m <= self.spec.ground_distance_m:
+            return "near the ground, but it moves or the autopilot says that it flies"
+        return "neither near the ground nor clear of it"
