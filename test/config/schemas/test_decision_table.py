@@ -149,6 +149,22 @@ def test_a_row_that_cannot_be_is_refused(mistake, changes, message):
             "landing_detection.sentinels.0: is 1.0e+999; must be a number",
         ),
         (
+            "landing_detection: {window_s: 1.51}",
+            "landing_detection.window_s: is 1.51; must be a number above 0 and at most 1.5, in seconds",
+        ),
+        (
+            "landing_detection: {min_samples: 21}",
+            "landing_detection.min_samples: is 21; must be a whole number, 1 to 20",
+        ),
+        (
+            "landing_detection: {age_limit_s: 5.1}",
+            "landing_detection.age_limit_s: is 5.1; must be a number above 0 and at most 5, in seconds",
+        ),
+        (
+            "landing_detection: {settle_s: 2.1}",
+            "landing_detection.settle_s: is 2.1; must be a number above 0 and at most 2, in seconds",
+        ),
+        (
             "state_estimation: {imu_mounting_rpy_deg: [0, 0, 0, 0]}",
             "state_estimation.imu_mounting_rpy_deg: is [0.0, 0.0, 0.0, 0.0]; must be three numbers: roll, pitch, yaw",
         ),
