@@ -11,7 +11,7 @@ from amaze_autonomy.autopilot.link.dialect import message_id
 from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, Progress, Reply
 from amaze_autonomy.config import AutopilotSettings, ConfigError
 from amaze_autonomy.config.schemas.autopilot import TakeoffNeeds
-from amaze_autonomy.engine.events import Landed
+from amaze_autonomy.engine.events import Landed, Verdict
 
 SET_MODE, DISARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 ASK_RATE, ASK_PREARM = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_RUN_PREARM_CHECKS
@@ -314,6 +314,21 @@ def test_the_battery_is_checked_with_the_charge_state():
         "battery cell voltage",
         "battery state",
     ]
+
+
+def test_a_pack_that_is_silent_fails_the_check_of_the_battery_and_is_named():
+    bench = ClientBench().advance(5.0)
+    other = mavlink.MAVLink_battery_status_message(1, 0, 0, 0, [4000] * 4 + [65535] * 6, 100, 0, 0, 80, 0, 1)
+    bench.client.receive(bench.t_ns, other)
+    assert bench.client.check_battery(bench.t_ns, 0.5).ok
+    bench.advance(10.0)
+    verdict = bench.client.check_battery(bench.t_ns, 0.5)
+    assert not verdict.ok
+    row = verdict.checks[-1]
+    assert (row.name, row.verdict) == ("battery state", Verdict.FAIL)
+    assert row.advice.startswith("nothing is heard of battery 1: look at its power module")
+    bench.advance(21.0)
+    assert bench.client.check_battery(bench.t_ns, 0.5).ok
 
 
 def test_a_node_that_ends_while_nothing_is_heard_goes_on_sending():

@@ -192,7 +192,7 @@ def test_the_charge_state_corrects_a_fraction_that_ignores_the_voltage(fraction,
     drained = bench(endurance_s=1000.0)
     drained.far.power.drop_to(fraction)
     drained.advance(5.0)
-    assert drained.vehicle.battery.reading(drained.t_ns).fraction == pytest.approx(told, abs=0.011)
+    assert drained.vehicle.battery.reading().fraction == pytest.approx(told, abs=0.011)
 
 
 def test_it_lands_by_the_second_route_and_disarms_itself():

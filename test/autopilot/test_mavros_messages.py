@@ -374,7 +374,7 @@ def test_the_judgement_of_a_battery_is_taken_from_what_mavros_receives_and_its_t
         ):
             if made is not None:
                 ardupilot.receive(number * S // 2, made)
-    reading = ardupilot.vehicle.battery.reading(4 * S)
+    reading = ardupilot.vehicle.battery.reading()
     assert (reading.charge_state, reading.fraction, reading.voltage_v) == (CRITICAL, 0.07, 9.0)
     assert ardupilot.vehicle.status(4 * S).battery_critical
     for number in range(5):  # that has ended: after five of its topic they count
@@ -580,6 +580,6 @@ def test_two_batteries_on_one_topic_are_told_apart_and_the_worst_counts():
         assert said.id == number % 2
         battery.add_pack(number, said)
         if number:
-            assert battery.reading(number).fraction == 0.3
+            assert battery.reading().fraction == 0.3
     unnamed = convert("battery", location="", voltage=15.0, cell_voltage=[], current=-1.0, percentage=0.9)
     assert unnamed.id == 0

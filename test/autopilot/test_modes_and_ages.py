@@ -271,7 +271,97 @@ def test_a_critical_battery_of_which_the_autopilot_makes_nothing_is_said_to_be_o
     vehicle.receive(2 * S, unknown)
     status = vehicle.status(2 * S)
     assert (status.battery_critical, status.battery_fraction) == (True, None)
-    assert vehicle.status(8 * S).battery_critical is False  # nobody says so any more
+    assert vehicle.status(8 * S).battery_critical is True  # silence takes nothing back
+
+
+def tell(vehicle, begin_s, end_s, packs, *, armed):
+    """Let a vehicle beat, and its packs say their levels and charge states, twice a second."""
+    for number in range(2 * begin_s, 2 * end_s):
+        t_ns = number * S // 2
+        vehicle.receive(t_ns, beat(GUIDED, armed=armed, autopilot=ARDUPILOT, status=ACTIVE))
+        for name, (percent, charge_state) in packs.items():
+            cells = [4000, *[65535] * 9]
+            pack = mavlink.MAVLink_battery_status_message(name, 0, 0, 0, cells, 100, 0, 0, percent, 0, charge_state)
+            vehicle.receive(t_ns, pack)
+
+
+GOOD, SIXTEEN, EMPTY = (80, 1), (16, 1), (14, mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL)
+
+
+def battery_at(vehicle, t_s):
+    status = vehicle.status(t_s * S)
+    return status.battery_fraction, status.battery_age_s, status.battery_critical
+
+
+@pytest.mark.parametrize("worst, critical", [(SIXTEEN, False), (EMPTY, True)])
+def test_a_pack_that_falls_silent_in_flight_leaves_its_level_which_grows_old_and_what_was_critical_stays(
+    worst, critical
+):
+    vehicle = VehicleState(AutopilotSettings())
+    level = min(worst[0] / 100, 0.07 if critical else 1.0)
+    tell(vehicle, 0, 10, {0: GOOD, 1: worst}, armed=True)
+    assert battery_at(vehicle, 10) == (level, 0.5, critical)
+    tell(vehicle, 10, 30, {0: GOOD}, armed=True)
+    assert battery_at(vehicle, 30) == (level, 20.5, critical)
+    tell(vehicle, 30, 31, {0: GOOD, 1: GOOD}, armed=True)  # it is back, and says so itself
+    assert battery_at(vehicle, 31) == (0.8, 0.5, False)
+
+
+def test_a_better_pack_that_falls_silent_in_flight_makes_the_level_old_as_well():
+    vehicle = VehicleState(AutopilotSettings())
+    tell(vehicle, 0, 10, {0: GOOD, 1: (30, 1)}, armed=True)
+    tell(vehicle, 10, 20, {1: (25, 1)}, armed=True)
+    assert battery_at(vehicle, 20) == (0.25, 10.5, False)
+
+
+def test_a_pack_that_is_unplugged_on_the_ground_is_forgotten_after_half_a_minute():
+    vehicle = VehicleState(AutopilotSettings())
+    tell(vehicle, 0, 10, {0: GOOD, 1: EMPTY}, armed=True)
+    tell(vehicle, 10, 12, {0: GOOD, 1: EMPTY}, armed=False)
+    tell(vehicle, 12, 42, {0: GOOD}, armed=False)
+    assert battery_at(vehicle, 42) == (0.07, 30.5, True)
+    tell(vehicle, 42, 43, {0: GOOD}, armed=False)
+    assert battery_at(vehicle, 43) == (0.8, 0.5, False)
+
+
+def test_a_pack_that_fell_silent_in_flight_is_not_forgotten_until_the_autopilot_was_without_power():
+    vehicle = VehicleState(AutopilotSettings())
+    tell(vehicle, 0, 10, {0: GOOD, 1: SIXTEEN}, armed=True)
+    tell(vehicle, 10, 20, {0: GOOD}, armed=True)
+    tell(vehicle, 20, 100, {0: GOOD}, armed=False)
+    assert battery_at(vehicle, 100) == (0.16, 90.5, False)
+    tell(vehicle, 110, 112, {0: GOOD}, armed=False)
+    assert battery_at(vehicle, 112) == (0.8, 0.5, False)
+
+
+def test_a_restart_of_the_autopilot_forgets_a_pack_that_fell_silent_in_flight():
+    vehicle = VehicleState(AutopilotSettings())
+    vehicle.receive(0, mavlink.MAVLink_local_position_ned_message(500_000, 0, 0, 0, 0, 0, 0))
+    tell(vehicle, 0, 10, {0: GOOD, 1: SIXTEEN}, armed=True)
+    tell(vehicle, 10, 20, {0: GOOD}, armed=True)
+    vehicle.receive(20 * S, mavlink.MAVLink_local_position_ned_message(2_000, 0, 0, 0, 0, 0, 0))
+    tell(vehicle, 20, 45, {0: GOOD}, armed=False)
+    assert battery_at(vehicle, 45) == (0.8, 0.5, False)
+
+
+def test_a_silence_of_the_link_on_the_ground_loses_no_pack():
+    vehicle = VehicleState(AutopilotSettings())
+    tell(vehicle, 0, 10, {0: GOOD, 1: SIXTEEN}, armed=False)
+    tell(vehicle, 18, 19, {}, armed=False)
+    assert battery_at(vehicle, 19) == (0.16, 9.5, False)
+    tell(vehicle, 19, 50, {0: GOOD}, armed=False)
+    assert battery_at(vehicle, 50) == (0.8, 0.5, False)
+
+
+@pytest.mark.parametrize("armed, told", [(True, (0.07, 0.5, True)), (False, (0.87, 0.5, False))])
+def test_in_flight_a_charge_state_that_is_not_told_any_more_takes_nothing_back(armed, told):
+    """As behind mavros, whose topic `battery` is without it, when `mavlink/from` ends."""
+    vehicle = VehicleState(AutopilotSettings())
+    tell(vehicle, 0, 10, {0: (87, EMPTY[1])}, armed=armed)
+    tell(vehicle, 10, 20, {0: (87, 0)}, armed=armed)
+    assert battery_at(vehicle, 20) == told
+    tell(vehicle, 20, 21, {0: (87, 1)}, armed=armed)
+    assert battery_at(vehicle, 21) == (0.87, 0.5, False)
 
 
 def test_a_takeover_on_ardupilot_is_known_at_once():

@@ -77,8 +77,8 @@ def test_a_battery_that_drains_to_px4_s_failsafes():
 
 
 def test_the_battery_level_falls_and_the_charge_state_caps_it():
-    def level(vehicle, t_ns):
-        reading = vehicle.battery.reading(t_ns)
+    def level(vehicle, _):
+        reading = vehicle.battery.reading()
         return None if reading is None else (reading.charge_state, reading.fraction <= 0.15)
 
     assert changes("px4_battery_drain.tlog", level)[-4:] == [
@@ -142,9 +142,9 @@ def test_the_low_battery_of_an_ardupilot_is_in_its_texts():
     low = None
     for _, t_s in flight:
         if any(text.text == "Low Battery!" for text in flight.vehicle.texts.new) and low is None:
-            low = (round(t_s), flight.vehicle.battery.reading(flight.vehicle.beat.t_ns).fraction)
+            low = (round(t_s), flight.vehicle.battery.reading().fraction)
     assert low == (483, 0.95)
-    assert flight.vehicle.battery.reading(flight.vehicle.beat.t_ns).fraction == 0.2
+    assert flight.vehicle.battery.reading().fraction == 0.2
 
 
 def test_every_frame_of_the_logs_is_accounted_for():

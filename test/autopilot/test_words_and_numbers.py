@@ -98,22 +98,30 @@ def pack(percent, cells=(4000,), state=1, number=0, current=100):
 def test_a_pack(message, reading):
     battery = Battery(CAPS, cells=4)
     battery.add_pack(0, message)
-    assert battery.reading(S) == reading
+    assert battery.reading() == reading
 
 
 def test_of_two_packs_the_worse_counts_and_an_unknown_one_most():
     battery = Battery(CAPS)
     battery.add_pack(0, pack(80))
     battery.add_pack(0, pack(30, number=1))
-    assert battery.reading(0).fraction == 0.3
+    assert battery.reading().fraction == 0.3
     battery.add_pack(0, pack(-1, number=2))
-    assert battery.reading(0).fraction is None
+    assert battery.reading().fraction is None
 
 
 def test_without_packs_sys_status_counts():
     battery = Battery(CAPS, cells=4)
     battery.add_system(0, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15200, -1, 70, 0, 0, 0, 0, 0, 0))
-    assert battery.reading(S) == BatteryReading(0, 0.7, 15.2, 3.8, None, 0)
+    assert battery.reading() == BatteryReading(0, 0.7, 15.2, 3.8, None, 0)
+
+
+def test_while_a_pack_is_silent_sys_status_does_not_count_in_its_place():
+    """It may be of another pack, and has no charge state."""
+    battery = Battery(CAPS)
+    battery.add_pack(0, pack(30))
+    battery.add_system(9 * S, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15200, -1, 70, 0, 0, 0, 0, 0, 0))
+    assert battery.reading()[:2] == (0, 0.3)
 
 
 # --- sensors ----------------------------------------------------------------------------------------------------------

@@ -2,17 +2,23 @@
 
 ArduPilot counts its fraction from the current alone; that the voltage is low is in `charge_state` only. So a state of
 LOW or worse caps the fraction. PX4 writes the voltage of the whole pack into the first cell when it knows no cells.
+
+Of several packs the worst counts, and the age of the oldest. A pack that was heard once and is silent keeps what it
+said, which so grows old: its level is unknown, and a critical state stays critical. It is forgotten when it was
+unplugged: silent while the vehicle is disarmed. One that fell silent in flight has failed, and is kept until the
+autopilot restarts.
 """
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 from ..link.dialect import mavlink
 
 _UNKNOWN_MV = 65535
 _PACK_MV = 6000  # no single cell has so much
 _FRESH_NS = 5_000_000_000
+_UNPLUGGED_NS = 30_000_000_000
 _MOST_BATTERIES = 4
 
 OK, CHARGING = mavlink.MAV_BATTERY_CHARGE_STATE_OK, mavlink.MAV_BATTERY_CHARGE_STATE_CHARGING
@@ -38,7 +44,7 @@ class BatteryReading(NamedTuple):
     """What is known of the battery; None is unknown.
 
     Args:
-        t_ns: when it said so.
+        t_ns: when it said so; of several packs: when the one said so that was not heard for longest.
         fraction: that is left, 0..1, capped by the charge state.
         voltage_v: of the pack.
         cell_voltage_v: of the lowest cell.
@@ -66,6 +72,28 @@ class Battery:
         self._caps, self._cells = caps, cells
         self._system: Optional[BatteryReading] = None
         self._packs: Dict[int, BatteryReading] = {}
+        self._lost: Set[int] = set()  # fell silent in flight
+        self._disarmed = False
+
+    def watch(self, t_ns: int, *, armed: bool, disarmed: bool) -> None:
+        """Take whether the vehicle is armed, or surely disarmed: only then may a pack have been unplugged.
+
+        Args:
+            t_ns: now.
+            armed: what falls silent has failed.
+            disarmed: what is silent is forgotten after a while.
+        """
+        self._disarmed = disarmed
+        if armed:
+            self._lost.update(self.silent(t_ns))
+        if disarmed:
+            for number in self.silent(t_ns):
+                if number not in self._lost and t_ns - self._packs[number].t_ns > _UNPLUGGED_NS:
+                    del self._packs[number]
+
+    def restarted(self) -> None:
+        """Take that the autopilot was without power: what failed before may have been repaired or unplugged."""
+        self._lost.clear()
 
     def add_system(self, t_ns: int, message: Any) -> None:
         """Take a SYS_STATUS."""
@@ -79,27 +107,39 @@ class Battery:
         if message.id not in self._packs and len(self._packs) >= _MOST_BATTERIES:
             return
         volts, cell = _voltages([*message.voltages, *(mv or _UNKNOWN_MV for mv in message.voltages_ext)])
-        state = int(message.charge_state)
+        state = self._charge_state(message)
         fraction = _fraction(message.battery_remaining)
         cap = self._caps.get(state)
         if fraction is not None and cap is not None:
             fraction = min(fraction, cap)
         current = None if message.current_battery < 0 else message.current_battery / 100
         self._packs[message.id] = BatteryReading(t_ns, fraction, volts, cell or self._per_cell(volts), current, state)
+        self._lost.discard(message.id)
 
-    def reading(self, t_ns: int) -> Optional[BatteryReading]:
-        """Return the worst pack that is fresh, else what SYS_STATUS said; None: nothing was ever said."""
-        fresh = [self._packs[key] for key in sorted(self._packs) if t_ns - self._packs[key].t_ns <= _FRESH_NS]
-        if fresh:
-            worst = min(fresh, key=_badness)
-            return worst if worst.voltage_v is not None or self._system is None else _with_voltage(worst, self._system)
-        older = [*self._packs.values(), *([] if self._system is None else [self._system])]
-        return max(older, key=lambda reading: reading.t_ns) if older else None
+    def reading(self) -> Optional[BatteryReading]:
+        """Return the worst pack, as old as the oldest, else what SYS_STATUS said; None: nothing was ever said."""
+        if not self._packs:
+            return self._system
+        packs = [self._packs[number] for number in sorted(self._packs)]
+        worst = min(packs, key=_badness)._replace(t_ns=min(pack.t_ns for pack in packs))
+        return worst if worst.voltage_v is not None or self._system is None else _with_voltage(worst, self._system)
 
-    def critical(self, t_ns: int) -> bool:
-        """Return whether the autopilot says, freshly, that any pack is critical or worse, whatever its level."""
-        fresh = (pack for pack in self._packs.values() if t_ns - pack.t_ns <= _FRESH_NS)
-        return any(pack.charge_state in _CRITICAL_STATES for pack in fresh)
+    @property
+    def critical(self) -> bool:
+        """Whether the last word of the autopilot on any pack is critical or worse, whatever its level."""
+        return any(pack.charge_state in _CRITICAL_STATES for pack in self._packs.values())
+
+    def silent(self, t_ns: int) -> Tuple[int, ...]:
+        """Return the numbers of the packs that were heard once and are silent."""
+        return tuple(number for number in sorted(self._packs) if t_ns - self._packs[number].t_ns > _FRESH_NS)
+
+    def _charge_state(self, message: Any) -> int:
+        """Return the charge state of a pack; where none is told any more, in flight, what was bad stays so."""
+        state, before = int(message.charge_state), self._packs.get(message.id)
+        told = OK <= state <= CHARGING
+        if told or self._disarmed or before is None or not LOW <= before.charge_state < CHARGING:
+            return state
+        return before.charge_state
 
     def _per_cell(self, volts: Optional[float]) -> Optional[float]:
         return volts / self._cells if volts is not None and self._cells else None

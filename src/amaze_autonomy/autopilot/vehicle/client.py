@@ -303,7 +303,7 @@ class AutopilotClient:
 
     def check_battery(self, t_ns: int, required_fraction: Optional[float]) -> BatteryVerdict:
         """Return whether the battery is enough for the next mission."""
-        monitor, reading = BatteryMonitor(self._battery), self.vehicle.battery.reading(t_ns)
+        monitor, reading = BatteryMonitor(self._battery), self.vehicle.battery.reading()
         if reading is not None:
             monitor.add(reading.t_ns, reading.fraction, reading.voltage_v)
         verdict = monitor.check(t_ns, required_fraction)

@@ -28,6 +28,10 @@ _NO_FLAGS = (
 )
 _NOBODYS = "mavros names a mode that neither PX4 nor ArduPilot has, so nobody knows how to land it: choose another mode"
 _NOT_JUDGED = "the autopilot does not judge its battery: its level and voltage alone count"
+_SILENT = (
+    "look at its power module; one that was unplugged on the ground is forgotten by itself after half a minute, "
+    "one that fell silent in flight when the autopilot was switched off"
+)
 _OTHER_NAMES = "this ArduPilot knows none of ardupilot_parameters in autopilot.yaml (docs/autopilot.md)"
 
 
@@ -214,7 +218,11 @@ def battery_state_row(known: Preflight) -> Check:
 
     One that it does not give is a warning: not every PX4 gives it, and mavros has no topic with it.
     """
-    reading = known.vehicle.battery.reading(known.t_ns)
+    battery = known.vehicle.battery
+    silent, reading = battery.silent(known.t_ns), battery.reading()
+    if silent and known.connected:
+        numbers = ", ".join(map(str, silent))
+        return _row(known, "battery state", f"nothing is heard of battery {numbers}: {_SILENT}", good=False)
     state = 0 if reading is None else reading.charge_state
     if state in (OK, CHARGING):
         return _row(known, "battery state", "", good=True)

@@ -30,6 +30,7 @@ _LANDED: Mapping[int, VehicleLanded] = {
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
 _RESTART_MS = 1000
+_POWERLESS_NS = 10 * _S  # as long as a vehicle is silent at least whose battery is exchanged
 _DOUBT_NS = 1_300_000_000  # of heartbeats at 1 Hz, another one has come
 
 
@@ -220,7 +221,7 @@ class VehicleState:
     def status(self, t_ns: int) -> AutopilotStatus:
         """Return all of it as the engine takes it."""
         told = self.told(t_ns)
-        battery, place, tilt_rad = self.battery.reading(t_ns), self.position.place(t_ns), self.tilt.tilt_rad(t_ns)
+        battery, place, tilt_rad = self.battery.reading(), self.position.place(t_ns), self.tilt.tilt_rad(t_ns)
         gps_fix, satellites = self.gps.fix(t_ns)
         return AutopilotStatus(
             t_ns=t_ns,
@@ -238,7 +239,7 @@ class VehicleState:
             battery_fraction=None if battery is None else battery.fraction,
             battery_voltage_v=None if battery is None else battery.voltage_v,
             battery_age_s=None if battery is None else _seconds(t_ns - battery.t_ns),
-            battery_critical=self.battery.critical(t_ns),
+            battery_critical=self.battery.critical,
             tilt_deg=None if tilt_rad is None else degrees(tilt_rad),
             gps_fix=gps_fix,
             satellites=satellites,
@@ -255,10 +256,17 @@ class VehicleState:
             self._before_doubt = (t_ns, self.told(t_ns))
         self.control.add(beat)
         self.ground.add_armed(t_ns, armed=beat.armed)
+        self._watch_battery(t_ns, before, beat)
         if self._landed is None:
             self.ground.add_landed(t_ns, self.landed(t_ns))
         self._agree(t_ns, beat.mode)
         self.texts.wake(t_ns)
+
+    def _watch_battery(self, t_ns: int, before: Optional[Heartbeat], beat: Heartbeat) -> None:
+        if before is not None and t_ns - before.t_ns >= _POWERLESS_NS and not beat.armed:
+            self.battery.restarted()
+        armed = beat.armed and before is not None and before.armed
+        self.battery.watch(t_ns, armed=armed, disarmed=self.ground.disarmed)
 
     def _agree(self, t_ns: int, mode: str) -> None:
         self._piloted.add(t_ns, so=self.control.pilot)
@@ -302,6 +310,7 @@ class VehicleState:
     def _local(self, t_ns: int, message: Any) -> None:
         if self._boot_ms is not None and message.time_boot_ms + _RESTART_MS < self._boot_ms:
             self.restarts += 1
+            self.battery.restarted()
             self.position.forget_takeoff()
         self._boot_ms = message.time_boot_ms
         agreed = self.ground.disarmed or self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)

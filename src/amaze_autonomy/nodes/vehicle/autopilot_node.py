@@ -153,7 +153,7 @@ class AutopilotNode:
             self.client.land_switch.on(t_ns),
             vehicle.told(t_ns),
             vehicle.landed(t_ns),
-            vehicle.battery.critical(t_ns),
+            vehicle.battery.critical,
             tuple(vehicle.health(t_ns).items()),
         )
 
@@ -168,7 +168,7 @@ class AutopilotNode:
     def _state(self, t_ns: int) -> Tuple[Any, Dict[str, Optional[bool]], Dict[str, Optional[float]]]:
         vehicle = self.client.vehicle
         health = {**vehicle.health(t_ns), "rc": vehicle.system.rc(t_ns), "prearm": vehicle.system.prearm(t_ns)}
-        battery, offset_ns = vehicle.battery.reading(t_ns), vehicle.offset.utc_offset_ns
+        battery, offset_ns = vehicle.battery.reading(), vehicle.offset.utc_offset_ns
         measured = {
             "battery_cell_voltage": None if battery is None else battery.cell_voltage_v,
             "battery_current": None if battery is None else battery.current_a,
