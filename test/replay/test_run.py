@@ -35,6 +35,26 @@ def test_a_good_flight_is_a_whole_mission(flight_bag, flight_map):
     assert (outcome.counterfactual_ns, outcome.missed, recordings.damage) == (None, None, {})
 
 
+@pytest.mark.parametrize(
+    "rate, limit",
+    [
+        ("watchdog_action_rate_hz", "watchdog_heartbeat_limit_s"),
+        ("planner_status_rate_hz", "planner_status_limit_s"),
+        ("autopilot_status_rate_hz", "autopilot_status_limit_s"),
+        ("landing_detection_rate_hz", "landing_detection_limit_s"),
+        ("recorder_status_rate_hz", "recorder_status_limit_s"),
+    ],
+)
+def test_scripted_statuses_come_as_often_as_is_configured(flight_bag, range_map, rate, limit):
+    """With a limit that the shipped rate would break."""
+    overrides = [f"autonomy.streams.{rate}=20.0", f"autonomy.failsafe.{limit}=0.15"]
+    outcome, _ = replay(flight_bag, range_map, overrides=overrides)
+    assert moves(outcome) == NOMINAL
+    assert "-> LAND" not in " ".join(texts(outcome))
+    lost = [text for text in texts(outcome) if "for 0.15" in text or "longer than 0.15" in text]
+    assert lost == []
+
+
 def test_every_line_says_where_its_input_came_from(flight_bag, flight_map):
     outcome, _ = replay(flight_bag, flight_map)
     assert {line.source.words for line in outcome.timeline} == {"bag", "script", "bag+script"}

@@ -156,7 +156,7 @@ UNREAD = {
     "no vertical speed",
     "sensors.battery.cells=6": "a replay by the map amaze_demo does not read it",
     "recording.growth_limit_s=3.5": "a replay by the map amaze_demo does not read it",
-    "autonomy.streams.watchdog_action_rate_hz=6.0": "a replay by the map amaze_demo does not read it",
+    "autonomy.streams.watchdog_action_rate_hz=6.0": "it is how often the script speaks, no data of the recording",
 }
 
 

@@ -314,6 +314,8 @@ class ChangedKeys:
             return self._engine_reason(
                 part, facts_of(name) if kind == "limit" else RULE_FACTS.get(name, _CHECKS), facts
             )
+        if kind == "stream":
+            return "it is how often the script speaks, no data of the recording"
         if kind == "mission":
             return _told(MISSION_FACTS.get(name, ()), facts) if name in MISSION_FACTS else "it decides nothing"
         if kind in ("row", "component", "restart"):
@@ -420,6 +422,7 @@ def _differences(plan: Plan, other: Plan) -> Iterable[Part]:
         one, two = getattr(plan, kind), getattr(other, kind)
         yield from ((kind, field) for field in _different(one, two))
     yield from (("mission", field) for field in _different(plan.mission, other.mission))
+    yield from (("stream", field) for field in _different(plan.streams, other.streams))
 
 
 def _rule_differences(rules: Rules, other: Rules) -> Iterable[Part]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Dict, FrozenSet, Mapping, Optional, Tuple
 
 from amaze_autonomy.config.model import Configuration
+from amaze_autonomy.config.schemas.autonomy import Streams
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.monitoring.errors import SpecError
 from amaze_autonomy.monitoring.specs import (
@@ -42,6 +43,7 @@ class Plan:
         configuration_hash: of it.
         judged: nodes whose judgement is made anew from the recording's sensors, though it holds what they said:
             "watchdog", "landing_detection"; what they said is compared.
+        streams: how often each scripted peer sends its status.
         elsewhere: components that the mission requires and that cannot be watched, as the recording lacks a topic of
             theirs: a recorded watchdog's word counts for them. Each with the topics that are missing; none: all are.
     """
@@ -56,6 +58,7 @@ class Plan:
     configuration: Mapping[str, Any]
     configuration_hash: str
     judged: FrozenSet[str] = frozenset()
+    streams: Streams = field(default_factory=Streams)
     elsewhere: Mapping[str, Tuple[str, ...]] = field(default_factory=dict)
 
     @property
@@ -106,6 +109,7 @@ def make_plan(configuration: Configuration, topic_map: TopicMap, mission_id: str
             configuration=configuration.effective,
             configuration_hash=configuration.hash,
             judged=_judged(topic_map, components, recorded),
+            streams=configuration.streams,
             elsewhere=_elsewhere(configuration, mission_id, components, recorded),
         )
     except SpecError as error:

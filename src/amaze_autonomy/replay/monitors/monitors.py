@@ -85,7 +85,7 @@ class Monitors:
         self._plan = plan
         self._periods_ns = dict(periods_ns or {})
         self._watchdog = Watchdog(plan.components)
-        self._streams = Streams(self._watchdog)
+        self._streams = Streams(self._watchdog, round(_S / plan.streams.watchdog_action_rate_hz))
         self._landing = LandingDetector(plan.landing) if plan.landing is not None else None
         self._state = StateEstimationMonitor(plan.state_estimation) if plan.state_estimation is not None else None
         self._battery = BatteryMonitor(plan.battery) if plan.battery is not None else None

@@ -56,7 +56,6 @@ from .script import Planner, Recorder, Vehicle
 _S = 1_000_000_000
 _LATENCY_NS = 1_000_000
 _TURN_NS = _S // 50
-_PERIOD_NS = _S // 5
 _WATCH_NS = _S // 10
 _CONTRADICTION_NS = 3 * _S  # that it must stand: of slow telemetry one word is seconds newer than the other
 _PLANNER, _RECORDER = (("mission_planner",), ()), (("data_recorder",), ())
@@ -139,13 +138,15 @@ class World:
                 if feed.topic == topic and feed.period_ns:
                     self._join(feed, rank)
                     self._play(feed, t_ns, rank)
+        rates = self._plan.streams
         peers = (
-            ("landing_detection", _PERIOD_NS, Rank.LANDING, self._tell_landed),
-            ("autopilot", _PERIOD_NS, Rank.AUTOPILOT, self._tell_autopilot),
-            ("mission_planner", _PERIOD_NS, Rank.PLANNER, self._tell_planner),
-            ("data_recorder", _S // 2, Rank.RECORDER, self._tell_recorder),
+            ("landing_detection", rates.landing_detection_rate_hz, Rank.LANDING, self._tell_landed),
+            ("autopilot", rates.autopilot_status_rate_hz, Rank.AUTOPILOT, self._tell_autopilot),
+            ("mission_planner", rates.planner_status_rate_hz, Rank.PLANNER, self._tell_planner),
+            ("data_recorder", rates.recorder_status_rate_hz, Rank.RECORDER, self._tell_recorder),
         )
-        for name, period_ns, rank, task in peers:
+        for name, rate_hz, rank, task in peers:
+            period_ns = round(_S / rate_hz)
             self._agenda.at(t_ns + _LATENCY_NS, rank, self._repeated(name, period_ns, rank, task))
         self._turns = Turns(t_ns + _LATENCY_NS, _TURN_NS)
         self._plan_turn(t_ns + _LATENCY_NS)
