@@ -7,6 +7,7 @@ from replay_bags import START_NS, S, break_chunk, flight_rows, make, rewrite, wr
 from replay_demo import demo_bag, simulated
 from replay_runs import ROOT, recording, replay
 
+from amaze_autonomy.engine.events import CheckName
 from amaze_autonomy.replay.monitors.monitors import Monitors
 from amaze_autonomy.replay.recordings.sources import Recordings
 
@@ -61,6 +62,19 @@ def test_what_fails_a_check_is_seen_alike(tmp_path, monkeypatch, tilt_deg, orien
     )
     _, (light, whole) = both(monkeypatch, write_bag(tmp_path / "x.bag", rows), MAP)
     assert light < whole
+
+
+@pytest.mark.parametrize("covariance, turning", [(0.0, "pass"), (-1.0, "unknown"), (float("nan"), "unknown")])
+def test_an_imu_that_says_that_it_has_no_gyroscope_does_not_pass_as_still(tmp_path, monkeypatch, covariance, turning):
+    """As the live node: sensor_msgs/Imu says so by a covariance that begins with -1."""
+    rows = flight_rows()
+    for _, topic, message in rows:
+        if topic == "/imu":
+            message.angular_velocity_covariance[0] = covariance
+    outcome, (light, whole) = both(monkeypatch, write_bag(tmp_path / "x.bag", rows), MAP)
+    assert light == BEGINNING < whole
+    _, checks = outcome.checks[CheckName.STATE_ESTIMATION]
+    assert {row.name: row.verdict.value for row in checks}["turning"] == turning
 
 
 @pytest.mark.parametrize("compression", ["lz4", "bz2"])

@@ -22,6 +22,7 @@ from amaze_autonomy.monitoring.specs import AutopilotSensor, EstimateSource
 from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
+from ..errors import FieldError
 from ..maps.topic_map import Reading
 from ..recordings.fields import Getter, Track, getter, number, orientation, quaternion, vector
 from .monitor_columns import LandingColumns, RateColumns
@@ -376,13 +377,24 @@ _ESTIMATE: Mapping[EstimateSource, Tuple[str, ...]] = {
 }
 
 
+def _covariance_of(turn_rate: str) -> str:
+    """Return the path of what tells whether there is a gyroscope; empty: nothing does.
+
+    A covariance that begins with -1 says that there is no such measurement (sensor_msgs/Imu), as to the live node.
+    """
+    return f"{turn_rate}_covariance[0]" if turn_rate.rpartition(".")[2] == "angular_velocity" else ""
+
+
 class ImuFeed(Feed):
     """An accelerometer in the vehicle, for the check of gravity."""
 
     def __init__(self, monitor: StateEstimationMonitor, reading: Reading) -> None:
         rpy, g = monitor.spec.imu_mounting_rpy_rad, monitor.spec.gravity_m_s2
         vectors = [reading.fields[name] for name in ("acceleration", "turn_rate") if name in reading.fields]
-        super().__init__(reading.topic, _S // 50, paths=tuple(f"{path}.{axis}" for path in vectors for axis in "xyz"))
+        covariance = _covariance_of(reading.fields.get("turn_rate", ""))
+        paths = [f"{path}.{axis}" for path in vectors for axis in "xyz"]
+        super().__init__(reading.topic, _S // 50, paths=(*paths, covariance) if covariance else tuple(paths))
+        self._covariance = getter(covariance) if covariance else None
         self._window, self._add, self.scale = monitor.imu, monitor.add_imu, reading.scale
         self._acceleration = getter(reading.fields["acceleration"])
         self._turn_rate = getter(reading.fields["turn_rate"]) if "turn_rate" in reading.fields else None
@@ -393,15 +405,25 @@ class ImuFeed(Feed):
         """Take a sample."""
         x, y, z = vector(self._acceleration(message))
         scale = self.scale
-        turn_rate = vector(self._turn_rate(message)) if self._turn_rate is not None else None
+        turn_rate = None
+        if self._turn_rate is not None and self._measured(message):
+            turn_rate = vector(self._turn_rate(message))
         self._add(t_ns, (x * scale, y * scale, z * scale), turn_rate)
 
     def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
-        """Take the three numbers of the acceleration, and of the turn rate where it has one."""
+        """Take the three numbers of the acceleration, and of the turn rate with its covariance where it has one."""
         if type(values[0]) is not float or type(values[-1]) is not float:  # an odd message with whole numbers
             values = tuple(map(float, values))
         scale = self.scale
-        self._add(t_ns, (values[0] * scale, values[1] * scale, values[2] * scale), values[3:] or None)
+        turn_rate = values[3:6] if self._covariance is None or values[6] >= 0 else None
+        self._add(t_ns, (values[0] * scale, values[1] * scale, values[2] * scale), turn_rate or None)
+
+    def _measured(self, message: Any) -> bool:
+        """Return whether a message says nothing against its turn rate; a type without a covariance does not."""
+        try:
+            return self._covariance is None or bool(self._covariance(message) >= 0)
+        except FieldError:
+            return True
 
     def take_many(self, begin: int, end: int) -> None:
         """Take samples of the track; of those that are too old to be kept, when they came."""
