@@ -35,6 +35,25 @@ def test_a_good_flight_is_a_whole_mission(flight_bag, flight_map):
     assert (outcome.counterfactual_ns, outcome.missed, recordings.damage) == (None, None, {})
 
 
+@pytest.mark.parametrize("source, judged", [("range", ["UNKNOWN"]), ("pose", ["UNKNOWN", "ON_GROUND", "AIRBORNE"])])
+def test_a_height_is_not_corrected_by_the_tilt_and_a_range_is(tmp_path, flight_map, source, judged):
+    """As by the live node; a range says nothing beyond 45 degrees."""
+    tilted = (0.0, 0.5, 0.0, 0.8660254)  # by 60 degrees
+    bag = write_bag(tmp_path / "x.bag", flight_rows(25.0, orientation=tilted))
+    outcome, _ = replay(bag, flight_map, overrides=[f"sensors.landing_detection.source={source}"])
+    lines = [text.split(": ")[1] for text in texts(outcome, LineKind.MONITOR) if "landing detection" in text]
+    assert [line.split()[0] for line in lines] == judged
+
+
+def test_a_tilt_limit_of_a_height_is_not_looked_at(flight_bag, flight_map):
+    overrides = ["sensors.landing_detection.source=pose", "sensors.landing_detection.max_tilt_deg=30.0"]
+    outcome, _ = replay(flight_bag, flight_map, overrides=overrides)
+    key = "sensors.landing_detection.max_tilt_deg"
+    assert [str(each) for each in outcome.unread] == [
+        f"{key} was not looked at: a height (source: pose) is not corrected by the tilt"
+    ]
+
+
 @pytest.mark.parametrize(
     "rate, limit",
     [

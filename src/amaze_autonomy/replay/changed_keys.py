@@ -38,6 +38,7 @@ from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS, Bound
 from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.monitoring.specs import RangeSource
 
 from .plan import Plan
 from .recordings.sources import Recordings
@@ -397,7 +398,10 @@ def _monitor_reason(kind: str, name: str, plan: Plan, heard: FrozenSet[str]) -> 
     if kind == "landing" and name == "max_vertical_speed_m_s":
         return "the landing detection of a replay has the range alone, no vertical speed"
     readings = plan.topic_map.readings
-    if name in ("tilt_correction", "max_tilt_rad") and "orientation" not in _fields_of(plan, "imu"):
+    of_tilt = name in ("tilt_correction", "max_tilt_rad")
+    if of_tilt and plan.landing is not None and plan.landing.source is RangeSource.POSE:
+        return "a height (source: pose) is not corrected by the tilt"
+    if of_tilt and "orientation" not in _fields_of(plan, "imu"):
         return "the map names no orientation"
     if "cell" in name and "voltage" not in _fields_of(plan, "battery"):
         return "the map names no voltage"

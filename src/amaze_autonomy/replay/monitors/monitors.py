@@ -12,6 +12,7 @@ from amaze_autonomy.monitoring.battery import BatteryMonitor
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.landing import LandingDetector, LandingVerdict
 from amaze_autonomy.monitoring.restart import RestartRequest
+from amaze_autonomy.monitoring.specs import RangeSource
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor, StateVerdict
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
@@ -334,7 +335,9 @@ class Monitors:
             feeds.append(HealthFeed(self._watchdog, told))
         if self._landing is not None:
             feeds.append(RangeFeed(self._landing, readings["range"], self._plan.topic_map.landing))
-        if self._landing is not None and "orientation" in (readings["imu"].fields if "imu" in readings else {}):
+        tilts = "orientation" in (readings["imu"].fields if "imu" in readings else {})
+        # a height is along the vertical already, a range along the vehicle's z axis
+        if self._landing is not None and tilts and self._landing.spec.source is not RangeSource.POSE:
             feeds.append(TiltFeed(self._landing, readings["imu"]))
         if self._state is not None and "imu" in readings:
             feeds.append(ImuFeed(self._state, readings["imu"]))
