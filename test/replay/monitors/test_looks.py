@@ -49,7 +49,8 @@ def tracks_of(told, random):
             tilt = radians(tilt_deg)
             force = [9.81 * factor * each + random.uniform(-noise, noise) for each in (sin(tilt), 0.0, cos(tilt))]
             turns = [random.uniform(-noise, noise) for _ in range(3)]
-            imu.append((now, (*force, *turns)))
+            covariance = random.choice([0.0, 0.0, 1e-4, -1.0])
+            imu.append((now, (*force, *turns, covariance)))
             if len(imu) % 3 == 0:
                 stamp_ns = random.choice([0, now, now - S // 10, now - S])
                 pose = (1.0, 2.0, random.random(), 0.0, -sin(believed / 2), 0.0, cos(believed / 2))
