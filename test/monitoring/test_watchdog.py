@@ -242,6 +242,43 @@ def test_what_is_not_required_is_a_warning(flying: World):
     assert answer.checks[3].verdict is Verdict.WARN
 
 
+@pytest.mark.parametrize("severity", [Severity.HIGH, Severity.HIGHEST])
+def test_nothing_takes_off_while_what_would_be_landed_for_has_not_come_yet(severity: Severity):
+    """Whether it is required or not: it would fail in the air, with the end of the time that it has to come up."""
+    world = World()
+    del world.rates["camera"]
+    world.watchdog.start(0, severities=(("camera", severity),), required=("lrf",))
+    for at_s in (2.0, 9.9):
+        answer = world.run(at_s).watchdog.checks(world.now_ns)
+        assert answer[:4] == (False, True, True, 10 * S)
+        assert [row.verdict for row in answer.checks if row.name == "camera"] == [Verdict.UNKNOWN]
+    answer = world.run(10.1).watchdog.checks(world.now_ns)
+    assert answer.ready, "its code says it from now on: nothing that would be landed for takes off"
+    assert world.codes("camera")[-1][1] == (16 if severity is Severity.HIGHEST else 8)
+
+
+def test_a_topic_that_is_off_does_not_hide_another_one_that_has_not_come_yet():
+    topics = (TopicSpec("/picture", 30.0), TopicSpec("/depth", 30.0))
+    watchdog = Watchdog((ComponentSpec("camera", "other", Severity.HIGHEST, topics, required=False),))
+    watchdog.start(0, tolerated=("camera",))
+    for number in range(1, 121):
+        watchdog.add_samples("camera", number * S // 60, topic="/picture")
+    answer = watchdog.checks(2 * S)
+    assert answer.checks[0].advice.startswith("60 Hz on /picture, too fast")
+    assert answer[:4] == (False, True, True, 10 * S)
+    assert answer.checks[0].verdict is Verdict.UNKNOWN
+
+
+@pytest.mark.parametrize("severity", [Severity.LOW, Severity.MODERATE])
+def test_what_would_be_flown_on_without_may_come_up_in_the_air(severity: Severity):
+    world = World()
+    del world.rates["camera"]
+    world.watchdog.start(0, severities=(("camera", severity),), required=("lrf",))
+    answer = world.run(2.0).watchdog.checks(world.now_ns)
+    assert answer[:4] == (True, False, False, None)
+    assert [row.verdict for row in answer.checks if row.name == "camera"] == [Verdict.WARN]
+
+
 def test_the_mission_says_what_is_required_and_what_is_tolerated(flying: World):
     flying.rates["camera"] = 15.0
     flying.watchdog.start(flying.now_ns, required=("lrf",))

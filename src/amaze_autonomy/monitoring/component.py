@@ -7,7 +7,7 @@ from typing import Dict, Optional, Tuple
 from amaze_autonomy.engine.events import ComponentStatus
 
 from ..engine.events import Check, Verdict
-from ..engine.rules import SEVERITIES, Code, Restart, Severity
+from ..engine.rules import SEVERITIES, Action, Code, Restart, Severity
 from .condition import FOREVER_NS, Condition, Level, Source, seconds
 from .errors import UnknownComponentError
 from .rate import RateMonitor
@@ -236,6 +236,7 @@ class ComponentMonitor:
         self.status = ComponentStatus(spec.name, Code.NOMINAL)
         self.changes_at_ns = FOREVER_NS
         self._grace_end_ns, self._in_grace = 0, False
+        self._unheard = False  # something of it has not come yet, and has the time to
 
     def start(self, t_ns: int, grace_ns: int) -> None:
         """Begin to watch."""
@@ -256,8 +257,10 @@ class ComponentMonitor:
         self._in_grace = t_ns < self._grace_end_ns
         worst: Optional[Condition] = None
         changes_at_ns = FOREVER_NS
+        self._unheard = False
         for source in self._sources:
             condition = source.evaluate(t_ns)
+            self._unheard |= condition.level is Level.STARTING
             changes_at_ns = min(changes_at_ns, condition.changes_at_ns)
             if worst is None or condition.level > worst.level:
                 worst = condition
@@ -276,7 +279,19 @@ class ComponentMonitor:
     @property
     def _comes(self) -> bool:
         """True while it comes up by itself: it starts, or is off in the time that it has for that (a burst, a gap)."""
-        return self.condition.level is Level.STARTING or (self.condition.level is Level.OFF and self._in_grace)
+        return self._starting or (self.condition.level is Level.OFF and self._in_grace)
+
+    @property
+    def _starting(self) -> bool:
+        """True while something of it has not come yet, and nothing of it has failed; what is off may hide it."""
+        level = self.condition.level
+        return level is Level.STARTING or (level is Level.OFF and self._unheard)
+
+    @property
+    def landed_for(self) -> bool:
+        """True when its failure would be landed for, at once or after a wait."""
+        row = SEVERITIES[self.severity]
+        return Action.LAND in (row.action, row.fallback)
 
     def fixable(self) -> bool:
         """Return True when it is on its way: it comes up, or the watchdog may still restart it."""
@@ -287,7 +302,7 @@ class ComponentMonitor:
 
     def fixed_by_ns(self) -> Optional[int]:
         """Return when it is given up, or has come up, at the latest; None when nothing is under way."""
-        if self.condition.level is Level.STARTING:
+        if self._starting:
             return max(self._grace_end_ns, self.changes_at_ns)
         return self._grace_end_ns if self._comes else self.restarts.until_ns
 
@@ -312,11 +327,11 @@ class ComponentMonitor:
     def _verdict(self, *, required: bool, tolerated: bool) -> Verdict:
         if self.condition.level is Level.GOOD:
             return Verdict.PASS
-        if not required or (
-            tolerated and self.status.code is Code.NON_CRITICAL and self.condition.level is not Level.STARTING
-        ):
+        if self._starting and (required or self.landed_for):
+            return Verdict.UNKNOWN
+        if not required or (tolerated and self.status.code is Code.NON_CRITICAL):
             return Verdict.WARN
-        return Verdict.UNKNOWN if self.condition.level is Level.STARTING else Verdict.FAIL
+        return Verdict.FAIL
 
     def _advice(self, verdict: Verdict) -> str:
         if verdict is Verdict.PASS:
@@ -324,7 +339,7 @@ class ComponentMonitor:
         return f"{self.condition.reason}; {self._what_to_do()}"
 
     def _what_to_do(self) -> str:
-        if self.condition.level is Level.STARTING:
+        if self._starting:
             return "it is starting up, wait"
         if self.restarts.restart is Restart.TRYING:
             return "the watchdog is restarting it, wait"

@@ -30,7 +30,8 @@ class TakeoffCheck(NamedTuple):
     """The answer to the take-off check (srv/StartWatchdog.srv).
 
     Args:
-        ready: every required component is at code 1 (or at 2 and tolerated).
+        ready: every required component is at code 1 (or at 2 and tolerated), and none that would be landed for has yet
+            to come, required or not: it would fail in the air.
         fixable: everything that fails may come up, or be restarted, without a person.
         being_fixed: and that is under way.
         until_ns: when the last of it is given up; None when nothing is under way.
@@ -107,7 +108,8 @@ class Watchdog:
         Args:
             t_ns: time of the request.
             severities: of the mission, in place of the specifications'.
-            required: components that must be at code 1; empty: those whose specification says so.
+            required: components that must be at code 1; empty: those whose specification says so. A component that
+                would be landed for must have come before a takeoff, whether it is among them or not.
             tolerated: components that may be at code 2.
             startup_ns: counts from the first start only.
         """
@@ -211,8 +213,7 @@ class Watchdog:
             Check(name, Verdict.UNKNOWN, advice=f"{name} is not watched: add it to sensors.yaml") for name in unknown
         )
         rows = tuple(self._row(monitor) for monitor in self._monitors)
-        pairs = zip(self._monitors, rows)
-        bad = [monitor for monitor, row in pairs if not row.passed and monitor.spec.name in self._required]
+        bad = [monitor for monitor, row in zip(self._monitors, rows) if not row.passed]
         ready = self.started and not bad and not missing
         fixable = bool(bad) and not missing and all(monitor.fixable() for monitor in bad)
         limits = [limit for limit in (monitor.fixed_by_ns() for monitor in bad) if limit is not None]
