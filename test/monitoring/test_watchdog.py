@@ -311,6 +311,51 @@ def test_a_takeoff_check_after_a_while_gives_restarts_a_new_chance_and_polling_d
     assert flying.watchdog.evaluate(flying.now_ns)[2].restart is Restart.GIVEN_UP
 
 
+def test_a_call_in_flight_changes_nothing_of_what_the_flight_is_judged_by(flying: World):
+    watchdog = flying.watchdog
+    watchdog.start(flying.now_ns, severities=(("camera", Severity.LOW),), required=("lrf",), tolerated=("lrf",))
+    watchdog.add_vehicle(armed=True, on_ground=True)
+    flying.rates["camera"] = flying.rates["lrf"] = 0.0
+    before = flying.run(20.0).watchdog.checks(flying.now_ns)
+    assert watchdog.in_flight
+    assert [flying.codes(name)[-1][1:] for name in ("camera", "lrf")] == [(2, "none"), (16, "given_up")]
+    watchdog.start(flying.now_ns)  # as somebody who looks at it asks, for no mission
+    assert watchdog.checks(flying.now_ns) == before
+    flying.run(30.0)
+    assert [flying.codes(name)[-1][1:] for name in ("camera", "lrf")] == [(2, "none"), (16, "given_up")]
+    watchdog.add_vehicle(armed=False, on_ground=True)
+    watchdog.start(flying.now_ns)
+    flying.run(30.1)
+    assert [flying.codes(name)[-1][1:] for name in ("camera", "lrf")] == [(16, "none"), (8, "trying")]
+
+
+@pytest.mark.parametrize(
+    "said,flies",
+    [
+        ([(None, True)], False),
+        ([(False, False)], False),
+        ([(True, False)], True),
+        ([(True, False), (None, True)], True),
+        ([(True, False), (False, False)], True),
+        ([(True, False), (True, True)], True),
+        ([(True, False), (False, True)], False),
+    ],
+)
+def test_it_flies_from_armed_until_it_is_disarmed_on_the_ground(said, flies):
+    watchdog = Watchdog(SPECS)
+    for armed, on_ground in said:
+        watchdog.add_vehicle(armed=armed, on_ground=on_ground)
+    assert watchdog.in_flight is flies
+
+
+def test_a_watchdog_that_was_started_again_in_flight_begins_when_it_is_asked():
+    world = World()
+    world.watchdog.add_vehicle(armed=True, on_ground=False)
+    world.watchdog.start(0, severities=(("camera", Severity.LOW),), startup_ns=0)
+    del world.rates["camera"]
+    assert world.run(1.0).codes("camera")[-1][1] == 2
+
+
 def test_it_wakes_exactly_when_a_verdict_changes(flying: World):
     flying.rates = {}
     due_ns = flying.watchdog.next_ns

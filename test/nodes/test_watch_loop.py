@@ -12,11 +12,13 @@ import pytest
 pytest.importorskip("rospy", reason="needs ROS")
 
 from amaze_autonomy import msg
+from amaze_autonomy.engine.rules import Code, Severity
 from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
-from amaze_autonomy.monitoring.specs import RestartPolicy
+from amaze_autonomy.monitoring.specs import ComponentSpec, RestartPolicy, TopicSpec
+from amaze_autonomy.monitoring.watchdog import Watchdog
 from amaze_autonomy.nodes.watchdog import node, restarter
-from amaze_autonomy.nodes.watchdog.watch_loop import TopicWatch, WatchLoop
+from amaze_autonomy.nodes.watchdog.watch_loop import TakeoffDesk, TakeoffRequest, TopicWatch, WatchLoop
 
 MS = 1_000_000
 PERIOD_NS = 200 * MS
@@ -135,6 +137,52 @@ def test_a_look_that_fails_ends_nothing():
     look(memoryview(b"one"))
     look(memoryview(b"two"))
     assert looked == [b"one", b"two"]
+
+
+# --- take-off checks --------------------------------------------------------------------------------------------------
+
+
+SPECS = (ComponentSpec("camera", severity=Severity.HIGHEST, topics=(TopicSpec("/camera", 30.0),)),)
+MISSION = SimpleNamespace(severities=(("camera", Severity.LOW),), tolerated=())
+
+
+def asked(desk, now_ns, mission_id):
+    """Return the answer to a take-off check."""
+    request = TakeoffRequest(mission_id, (), 0, SimpleQueue())
+    desk.ask(now_ns, request)
+    desk.turn(now_ns)
+    return request.answer.get_nowait()
+
+
+def test_who_asks_in_flight_is_answered_and_changes_nothing():
+    watchdog = Watchdog(SPECS)
+    desk = TakeoffDesk(watchdog, {"low": MISSION})
+    assert asked(desk, 0, "low").components[0].code is Code.NON_CRITICAL
+    watchdog.add_vehicle(armed=True, on_ground=False)
+    for mission_id in ("", "another", "low"):
+        answer = asked(desk, 1000 * MS, mission_id)
+        assert answer.components[0].code is Code.NON_CRITICAL
+        assert answer.message == "not nominal: camera; in flight: what is judged stays as it is"
+    watchdog.add_vehicle(armed=False, on_ground=True)
+    answer = asked(desk, 2000 * MS, "another")
+    assert answer.components[0].code is Code.ABORT
+    assert answer.message.endswith("mission 'another' is not in missions.yaml: severities are those of sensors.yaml")
+
+
+@pytest.mark.parametrize(
+    "status,flies",
+    [
+        (msg.AutopilotStatus(armed=True), False),
+        (msg.AutopilotStatus(armed_known=True, armed=True, landed=msg.AutopilotStatus.ON_GROUND), True),
+        (msg.AutopilotStatus(armed_known=True, landed=msg.AutopilotStatus.ON_GROUND), False),
+    ],
+)
+@pytest.mark.parametrize("specs", [SPECS, ()])
+def test_the_status_of_the_autopilot_says_whether_it_flies(status, flies, specs):
+    watchdog = Watchdog(specs)
+    nodes = SimpleNamespace(_specs=specs, _watchdog=watchdog, _clock=SimpleNamespace(now_ns=lambda: 7))
+    node.WatchdogNode._take_autopilot(nodes, status)
+    assert watchdog.in_flight is flies
 
 
 # --- restarts ---------------------------------------------------------------------------------------------------------

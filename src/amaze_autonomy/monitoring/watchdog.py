@@ -69,6 +69,7 @@ class Watchdog:
                 self._autopilot[monitor.spec.autopilot].append(monitor.autopilot)
         self._new_check_after_ns = new_check_after_ns
         self._started_ns: Optional[int] = None
+        self._in_flight = False
         self._required: Tuple[str, ...] = ()
         self._tolerated: Tuple[str, ...] = ()
         self._statuses: Tuple[ComponentStatus, ...] = ()
@@ -84,6 +85,11 @@ class Watchdog:
     def started(self) -> bool:
         """True once the watching has begun."""
         return self._started_ns is not None
+
+    @property
+    def in_flight(self) -> bool:
+        """True while the vehicle may fly, as far as it was heard."""
+        return self._in_flight
 
     @property
     def next_ns(self) -> int:
@@ -105,6 +111,9 @@ class Watchdog:
     ) -> None:
         """Begin to watch, or ask again for another mission; components not heard of have `startup_ns` to come up.
 
+        In flight nothing is asked anew: whoever asks then, and for whatever, does not change what the flight is judged
+        by.
+
         Args:
             t_ns: time of the request.
             severities: of the mission, in place of the specifications'.
@@ -116,6 +125,8 @@ class Watchdog:
         own = dict(severities)
         for name in own:
             self._component(name)
+        if self.started and self._in_flight:
+            return
         first, last_ns = self._started_ns is None, self._started_ns
         for monitor in self._monitors:
             monitor.severity = own.get(monitor.spec.name, monitor.spec.severity)
@@ -186,6 +197,13 @@ class Watchdog:
             for monitor in self._autopilot[sensor]:
                 good = health.get(sensor)
                 self._dirty |= monitor.add(t_ns, good, "the autopilot says that it has failed")
+
+    def add_vehicle(self, *, armed: Optional[bool], on_ground: bool) -> None:
+        """Add what the autopilot says of the vehicle; it flies from armed on until it is disarmed and on the ground."""
+        if armed:
+            self._in_flight = True
+        elif armed is False and on_ground:
+            self._in_flight = False
 
     def evaluate(self, t_ns: int) -> Tuple[ComponentStatus, ...]:
         """Return the condition of every component at a time; nothing before `start`."""

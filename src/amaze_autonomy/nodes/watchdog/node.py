@@ -1,10 +1,10 @@
 """The watchdog node: are all sensors, nodes and drivers working? It restarts what may be restarted.
 
-    watchdog/start    StartWatchdog; the first call begins the watching
+    watchdog/start    StartWatchdog; the first call begins the watching; in flight a call changes nothing
     watchdog/action   WatchdogAction, 5 Hz and at once on a change: issues, and the heartbeat
     watchdog/info     WatchdogInfo, 1 Hz and at once on a change: everything
     /diagnostics      diagnostic_msgs/DiagnosticArray, 1 Hz: a row per component
-    autopilot/status  AutopilotStatus, what the PX4 says of its sensors (subscribed)
+    autopilot/status  AutopilotStatus, what the PX4 says of its sensors, and whether the vehicle flies (subscribed)
 
 What is watched: sensors.yaml. Parameters: `node_main.py`. How it judges: docs/monitoring.md.
 """
@@ -91,8 +91,7 @@ class WatchdogNode:
         for component in self._specs:
             for spec in component.topics:
                 self._watch(watches, spec.topic).use(component.name, spec)
-        if any(component.autopilot for component in self._specs):
-            self._watch(watches, "autopilot/status").take_whole(msg.AutopilotStatus, self._take_autopilot)
+        self._watch(watches, "autopilot/status").take_whole(msg.AutopilotStatus, self._take_autopilot)
         return watches
 
     def _watch(self, watches: Dict[str, TopicWatch], topic: str) -> TopicWatch:
@@ -166,8 +165,10 @@ class WatchdogNode:
             self._answer(name, driver, min(now_ns, t_ns + stall_ns), good, message)
 
     def _take_autopilot(self, status: Any) -> None:
-        """Take what the autopilot says of its sensors; when its link is old, it says nothing."""
-        limit_s = min(spec.polling.autopilot_age_limit_ns for spec in self._specs) / _S
+        """Take whether the vehicle flies, and what the autopilot says of its sensors; when its link is old, nothing."""
+        armed = bool(status.armed) if status.armed_known else None
+        self._watchdog.add_vehicle(armed=armed, on_ground=status.landed == msg.AutopilotStatus.ON_GROUND)
+        limit_s = min((spec.polling.autopilot_age_limit_ns for spec in self._specs), default=0) / _S
         fresh = status.link_age <= limit_s
         health = {sensor: _HEALTH.get(getattr(status, sensor.value)) if fresh else None for sensor in AutopilotSensor}
         self._watchdog.add_autopilot(self._clock.now_ns(), health)

@@ -379,7 +379,7 @@ class TakeoffDesk:
         return self._until_ns if self._waiting else FOREVER_NS
 
     def ask(self, now_ns: int, request: TakeoffRequest) -> None:
-        """Begin to watch for a mission, or make a new check."""
+        """Begin to watch for a mission, or make a new check; in flight it is answered, and nothing is changed."""
         first = not self._watchdog.started
         mission = self._missions.get(request.mission_id)
         self._watchdog.start(
@@ -394,7 +394,7 @@ class TakeoffDesk:
         if first or self._waiting:
             self._waiting.append(request)
         else:
-            self._reply(now_ns, request, self._watchdog.checks(now_ns))
+            self._reply(now_ns, request, self._watchdog.checks(now_ns), kept=self._watchdog.in_flight)
 
     def turn(self, now_ns: int) -> None:
         """Answer those that wait, once everything has come up or has had the time to."""
@@ -407,14 +407,16 @@ class TakeoffDesk:
             for request in waiting:
                 self._reply(now_ns, request, check)
 
-    def _reply(self, now_ns: int, request: TakeoffRequest, check: TakeoffCheck) -> None:
+    def _reply(self, now_ns: int, request: TakeoffRequest, check: TakeoffCheck, *, kept: bool = False) -> None:
         components = self._watchdog.evaluate(now_ns)
-        request.answer.put(TakeoffAnswer(now_ns, check, components, self._message(request, check)))
+        request.answer.put(TakeoffAnswer(now_ns, check, components, self._message(request, check, kept=kept)))
 
-    def _message(self, request: TakeoffRequest, check: TakeoffCheck) -> str:
+    def _message(self, request: TakeoffRequest, check: TakeoffCheck, *, kept: bool) -> str:
         failed = [row.name for row in check.checks if not row.passed]
         unknown: Optional[str] = None
         if request.mission_id and request.mission_id not in self._missions:
             unknown = f"mission {request.mission_id!r} is not in missions.yaml: severities are those of sensors.yaml"
-        parts = ["ready" if check.ready else f"not nominal: {', '.join(failed)}", unknown]
+        parts = ["ready" if check.ready else f"not nominal: {', '.join(failed)}", "" if kept else unknown]
+        if kept:
+            parts.append("in flight: what is judged stays as it is")
         return "; ".join(part for part in parts if part)

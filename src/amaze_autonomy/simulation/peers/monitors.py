@@ -15,7 +15,7 @@ from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor
 from amaze_autonomy.monitoring.watchdog import TakeoffCheck, Watchdog
 
-from ...engine.events import Check, Verdict
+from ...engine.events import Check, VehicleLanded, Verdict
 from ...monitoring.watchdog import Streams
 from ..scenario import Subject
 from ..sensors import EstimateReader, ImuReader, RangeReader
@@ -110,6 +110,9 @@ class SimulatedWatchdog(Peer):
                     if topic.finite or topic.unchanged_limit_ns is not None:
                         self._content(component.name, topic.topic, batch)
             self._poll(t_ns, component)
+        if self.site.autopilot_speaks():
+            vehicle = self.site.vehicle
+            self._watchdog.add_vehicle(armed=vehicle.armed, on_ground=vehicle.landed is VehicleLanded.ON_GROUND)
         heard = self.site.health
         if heard is not None and heard[0] > self._heard_ns and self.site.autopilot_speaks():
             self._heard_ns = heard[0]
