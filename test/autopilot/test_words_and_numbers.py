@@ -141,6 +141,7 @@ def test_a_bit_that_leaves_has_failed_and_one_that_never_was_is_unknown():
     system.add(0, bits(0, 0, 32))
     assert system.healthy(0, (32,)) is False
     assert system.healthy(9 * S, (32,)) is None
+    assert system.sequence == 3, "each counts as a report of its own, whatever it says"
 
 
 def fix(t_usec, kind=3, **values):

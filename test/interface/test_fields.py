@@ -21,12 +21,14 @@ from amaze_autonomy.interface import (
     SERVICES,
     STATUSES,
     InvalidMessageError,
+    health_fields,
+    health_of,
     message_name,
     peer_of,
     service_of,
 )
 from amaze_autonomy.interface.fields import MOST_ITEMS, MOST_TEXT, text
-from amaze_autonomy.interface.tables import PLATFORM
+from amaze_autonomy.interface.tables import HEALTH, PLATFORM
 from amaze_autonomy.journal.codec import field_types, tuple_items
 from amaze_autonomy.journal.journal import encode_event
 
@@ -94,6 +96,17 @@ def test_moments_count_from_when_the_message_was_made():
     for seconds in (nan, inf, -inf, 1e10):
         message.until = seconds
         assert COMPONENT.make(message, T).until_ns is None
+
+
+def test_what_a_status_says_of_the_sensors_is_read_as_it_was_written_and_of_a_status_of_before_likewise():
+    said = {"gps": True, "imu": False}
+    written = health_fields(said, sequence=7)
+    assert set(written) <= fields_of("msg/AutopilotStatus.msg")
+    message = SimpleNamespace(link_age=0.5, **written)
+    assert health_of(message) == ({**dict.fromkeys(HEALTH), **said}, 0.5, 7)
+    del message.sensors_sequence
+    message.imu = 9
+    assert health_of(message) == ({**dict.fromkeys(HEALTH), "gps": True}, 0.5, 0)
 
 
 def test_a_flag_says_what_is_known():

@@ -141,6 +141,56 @@ def test_a_silent_autopilot_is_a_failed_imu_too(flying: World):
     assert status == ComponentStatus("px4_imu", Code.ABORT, Restart.NONE, None, reason)
 
 
+def told(world: World, until_s: float, sequence: int, *, good: bool, link_age_s: float = 0.0) -> int:
+    """Let the node of the autopilot say the same report of the autopilot five times a second; return the IMU's code."""
+    while world.now_ns < until_s * S:
+        world.now_ns += S // 5
+        health = {AutopilotSensor.IMU: good}
+        world.watchdog.add_autopilot(world.now_ns, health, link_age_s=link_age_s, sequence=sequence)
+        world.watchdog.evaluate(world.now_ns)
+    return world.watchdog.evaluate(world.now_ns)[0].code
+
+
+@pytest.fixture
+def heard() -> World:
+    """Return a world whose autopilot alone has said something, twice a second for two seconds: that its IMU is good."""
+    world = World()
+    world.watchdog.start(0)
+    for number in range(1, 5):
+        assert told(world, number * 0.5, number, good=True) == 1
+    return world
+
+
+def test_one_report_of_the_autopilot_counts_once_however_often_it_is_told(heard: World):
+    assert told(heard, 2.6, 5, good=False) == 1
+    assert told(heard, 3.0, 6, good=True) == 1
+    assert told(heard, 3.6, 7, good=False) == 1
+    assert told(heard, 3.8, 8, good=False) == 16
+
+
+def test_an_autopilot_that_reports_nothing_new_is_silent_whatever_is_told_of_it(heard: World):
+    assert told(heard, 3.8, 4, good=True) == 1, "its last report was told at 1.8 s for the first time"
+    assert told(heard, 4.0, 4, good=True) == 16
+    assert "no answer for longer than 2 s" in heard.watchdog.evaluate(heard.now_ns)[0].reason
+    assert told(heard, 4.2, 5, good=True) == 1
+
+
+def test_statuses_that_do_not_number_the_reports_count_each(heard: World):
+    assert told(heard, 8.0, 0, good=True) == 1
+    assert told(heard, 8.2, 0, good=False) == 1
+    assert told(heard, 8.4, 0, good=False) == 16
+
+
+@pytest.mark.parametrize("link_age_s", [2.1, float("nan"), float("inf")])
+def test_what_is_said_over_a_dead_link_is_silence(heard: World, link_age_s: float):
+    assert told(heard, 3.6, 0, good=True, link_age_s=link_age_s) == 1
+    assert told(heard, 4.2, 0, good=True, link_age_s=link_age_s) == 16
+
+
+def test_what_is_said_over_a_link_at_its_limit_counts(heard: World):
+    assert told(heard, 8.0, 0, good=True, link_age_s=2.0) == 1
+
+
 def test_it_is_steady_while_every_rate_is_as_intended_and_was_looked_at():
     specs = (SPECS[1], SPECS[2])
     made = Watchdog(specs)

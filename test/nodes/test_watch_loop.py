@@ -15,7 +15,7 @@ from amaze_autonomy import msg
 from amaze_autonomy.engine.rules import Code, Severity
 from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
-from amaze_autonomy.monitoring.specs import ComponentSpec, RestartPolicy, TopicSpec
+from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, TopicSpec
 from amaze_autonomy.monitoring.watchdog import Watchdog
 from amaze_autonomy.nodes.watchdog import node, restarter
 from amaze_autonomy.nodes.watchdog.watch_loop import TakeoffDesk, TakeoffRequest, TopicWatch, WatchLoop
@@ -180,9 +180,29 @@ def test_who_asks_in_flight_is_answered_and_changes_nothing():
 @pytest.mark.parametrize("specs", [SPECS, ()])
 def test_the_status_of_the_autopilot_says_whether_it_flies(status, flies, specs):
     watchdog = Watchdog(specs)
-    nodes = SimpleNamespace(_specs=specs, _watchdog=watchdog, _clock=SimpleNamespace(now_ns=lambda: 7))
+    nodes = SimpleNamespace(_watchdog=watchdog, _clock=SimpleNamespace(now_ns=lambda: 7))
     node.WatchdogNode._take_autopilot(nodes, status)
     assert watchdog.in_flight is flies
+
+
+def test_one_report_of_the_autopilot_counts_once_and_over_a_dead_link_not_at_all():
+    specs = (ComponentSpec("imu", "px4", Severity.HIGHEST, autopilot=AutopilotSensor.IMU),)
+    watchdog, now = Watchdog(specs), [0]
+    nodes = SimpleNamespace(_watchdog=watchdog, _clock=SimpleNamespace(now_ns=lambda: now[0]))
+    watchdog.start(0)
+
+    def code(at_ms, sequence, imu, link_age=0.0):
+        now[0] = at_ms * MS
+        said = msg.AutopilotStatus(link_age=link_age, imu=imu, sensors_sequence=sequence)
+        node.WatchdogNode._take_autopilot(nodes, said)
+        return watchdog.evaluate(now[0])[0].code
+
+    healthy, failed = msg.AutopilotStatus.SENSOR_HEALTHY, msg.AutopilotStatus.SENSOR_FAILED
+    for at_ms, sequence, imu in ((0, 1, healthy), (500, 2, failed), (700, 2, failed), (900, 2, failed)):
+        assert code(at_ms, sequence, imu) is Code.NOMINAL
+    assert code(1000, 3, healthy) is Code.NOMINAL
+    assert code(2900, 4, healthy, link_age=2.1) is Code.NOMINAL
+    assert code(3100, 5, healthy, link_age=2.1) is Code.ABORT
 
 
 # --- restarts ---------------------------------------------------------------------------------------------------------

@@ -107,6 +107,7 @@ def _autopilot(event, at):
         clock_offset=NAN,
         gps_fix=event.gps_fix,
         satellites=_nan(event.satellites),
+        sensors_sequence=1 + at * 2 // S,  # SYS_STATUS comes twice a second
     )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import nan
-from typing import Any, Dict, Mapping, Optional, Tuple, Type, Union
+from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple, Type, Union
 
 from amaze_autonomy.engine.commands import (
     AutopilotDisarm,
@@ -144,25 +144,44 @@ def status_of(event: Event) -> Status:
 
 HEALTH = ("gps", "imu", "magnetometer", "barometer", "rc", "prearm")
 MEASURED = ("battery_cell_voltage", "battery_current", "clock_offset")
+_REPORT = "sensors_sequence"
 _HEALTHY: Tuple[Optional[bool], ...] = (None, True, False)
 """SENSOR_UNKNOWN, SENSOR_HEALTHY, SENSOR_FAILED."""
 
 
+class Health(NamedTuple):
+    """What a message says of the autopilot's sensors.
+
+    Args:
+        healthy: by name; None: it does not know.
+        link_age_s: time since the vehicle was heard; NaN: it never was.
+        sequence: number of the autopilot's own report that it repeats; 0: not told, as in a message of before.
+    """
+
+    healthy: Dict[str, Optional[bool]]
+    link_age_s: float
+    sequence: int
+
+
 def health_fields(
-    healthy: Optional[Mapping[str, Optional[bool]]], measured: Optional[Mapping[str, Optional[float]]] = None
+    healthy: Optional[Mapping[str, Optional[bool]]],
+    measured: Optional[Mapping[str, Optional[float]]] = None,
+    sequence: int = 0,
 ) -> Dict[str, Any]:
     """Return the fields of the message that say it; what is None or not there is unknown."""
     values = {name: (measured or {}).get(name) for name in MEASURED}
     return {
         **{name: _HEALTHY.index((healthy or {}).get(name)) for name in HEALTH},
         **{name: nan if value is None else value for name, value in values.items()},
+        _REPORT: sequence,
     }
 
 
-def health_of(message: Any) -> Dict[str, Optional[bool]]:
-    """Return what a message says of the autopilot's sensors, by name; None: it does not know."""
+def health_of(message: Any) -> Health:
+    """Return what a message says of the autopilot's sensors."""
     values = {name: int(getattr(message, name, 0)) for name in HEALTH}
-    return {name: _HEALTHY[value] if 0 <= value < len(_HEALTHY) else None for name, value in values.items()}
+    healthy = {name: _HEALTHY[value] if 0 <= value < len(_HEALTHY) else None for name, value in values.items()}
+    return Health(healthy, float(getattr(message, "link_age", 0.0)), int(getattr(message, _REPORT, 0)))
 
 
 # --- services ---------------------------------------------------------------------------------------------------------

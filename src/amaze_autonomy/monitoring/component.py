@@ -35,7 +35,7 @@ class AnswerMonitor(Source):
 
     def __init__(self, what: str, age_limit_ns: int, reports: int = 1) -> None:
         super().__init__()
-        self.what, self._age_limit_ns, self._reports = what, age_limit_ns, reports
+        self.what, self.age_limit_ns, self._reports = what, age_limit_ns, reports
         self._last_ns: Optional[int] = None
         self._good: Optional[bool] = None
         self._in_a_row = 0
@@ -59,11 +59,11 @@ class AnswerMonitor(Source):
             return self._absent(t_ns, f"{self.what}: no answer")
         self._last_ns = min(self._last_ns, t_ns)
         age_ns = t_ns - self._last_ns
-        if age_ns > self._age_limit_ns:
+        if age_ns > self.age_limit_ns:
             self._stale = True
-            reason = f"{self.what}: no answer for longer than {seconds(self._age_limit_ns)}"
-            return Condition(Level.FAILED, reason, age_ns / _S, self._age_limit_ns / _S, "s", age_ns, FOREVER_NS)
-        changes_at_ns = self._last_ns + self._age_limit_ns + 1
+            reason = f"{self.what}: no answer for longer than {seconds(self.age_limit_ns)}"
+            return Condition(Level.FAILED, reason, age_ns / _S, self.age_limit_ns / _S, "s", age_ns, FOREVER_NS)
+        changes_at_ns = self._last_ns + self.age_limit_ns + 1
         if self._good:
             return Condition(Level.GOOD, age_ns=age_ns, changes_at_ns=changes_at_ns)
         return Condition(

@@ -70,6 +70,7 @@ class Watchdog:
         self._new_check_after_ns = new_check_after_ns
         self._started_ns: Optional[int] = None
         self._in_flight = False
+        self._reported = 0
         self._required: Tuple[str, ...] = ()
         self._tolerated: Tuple[str, ...] = ()
         self._statuses: Tuple[ComponentStatus, ...] = ()
@@ -191,11 +192,29 @@ class Watchdog:
         """Add the outcome of a look at a component's driver; a run that took too long is False."""
         self._add_answer(self._component(name).driver, f"driver of {name}", good, t_ns, message)
 
-    def add_autopilot(self, t_ns: int, health: Mapping[AutopilotSensor, Optional[bool]]) -> None:
-        """Add what the autopilot says of its sensors; None: it does not know, which is silence."""
+    def add_autopilot(
+        self,
+        t_ns: int,
+        health: Mapping[AutopilotSensor, Optional[bool]],
+        *,
+        link_age_s: float = 0.0,
+        sequence: int = 0,
+    ) -> None:
+        """Add what a status says of the autopilot's sensors.
+
+        Args:
+            t_ns: when it came.
+            health: of each sensor; None: the autopilot does not know, which is silence.
+            link_age_s: for how long the vehicle had not been heard; what is said over a dead link is silence.
+            sequence: number of the autopilot's own report that the status repeats. Each counts once, so that what is
+                told again is neither a second report nor a young one. 0: it is not told, and each status counts as one.
+        """
+        again, self._reported = 0 != sequence == self._reported, sequence
+        if again:
+            return
         for sensor in AutopilotSensor:
             for monitor in self._autopilot[sensor]:
-                good = health.get(sensor)
+                good = health.get(sensor) if link_age_s * _S <= monitor.age_limit_ns else None
                 self._dirty |= monitor.add(t_ns, good, "the autopilot says that it has failed")
 
     def add_vehicle(self, *, armed: Optional[bool], on_ground: bool) -> None:

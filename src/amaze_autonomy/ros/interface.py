@@ -83,6 +83,7 @@ def status_message(
     ros_ns: int,
     healthy: Optional[Mapping[str, Optional[bool]]] = None,
     measured: Optional[Mapping[str, Optional[float]]] = None,
+    sequence: int = 0,
 ) -> Any:
     """Return the message of an event, stamped with the time at which it says that it was made.
 
@@ -91,10 +92,11 @@ def status_message(
         ros_ns: now.
         healthy: of an autopilot, what `statuses.HEALTH` names; None or not there: unknown.
         measured: likewise, what `statuses.MEASURED` names.
+        sequence: likewise, number of the vehicle's own report of its sensors; 0: unknown.
     """
     more: Dict[str, Any] = {}
     if isinstance(event, AutopilotStatus):
-        more = health_fields(healthy, measured)
+        more = health_fields(healthy, measured, sequence)
     elif isinstance(event, RecordingStatus):
         more = {"remaining": nan}
     message = status_of(event).write(event, classes, **more)

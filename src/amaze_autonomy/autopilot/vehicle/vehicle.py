@@ -355,7 +355,7 @@ SENSORS: Mapping[str, Tuple[int, ...]] = {
 
 
 class SystemStatus:
-    """The bits of SYS_STATUS, and which were ever present.
+    """The bits of SYS_STATUS, which were ever present, and how many came (`sequence`).
 
     Args:
         age_limit_ns: older than this they say nothing.
@@ -365,9 +365,11 @@ class SystemStatus:
         self._age_limit_ns = age_limit_ns
         self._t_ns: Optional[int] = None
         self._present = self._enabled = self._health = self._ever = 0
+        self.sequence = 0
 
     def add(self, t_ns: int, message: Any) -> None:
         """Take a SYS_STATUS."""
+        self.sequence += 1
         self._t_ns = t_ns
         self._present = message.onboard_control_sensors_present
         self._enabled = message.onboard_control_sensors_enabled

@@ -22,6 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.engine.events import ComponentStatus, WatchdogAction, WatchdogInfo
+from amaze_autonomy.interface import health_of
 from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
@@ -45,7 +46,6 @@ _LONGEST_STARTUP_S = 600.0
 _LOOK_AGAIN_S = 0.5
 _DIAGNOSTICS_NS = _S
 _SAY_AGAIN_S = 10.0
-_HEALTH = {msg.AutopilotStatus.SENSOR_HEALTHY: True, msg.AutopilotStatus.SENSOR_FAILED: False}
 
 
 class WatchdogNode:
@@ -165,13 +165,12 @@ class WatchdogNode:
             self._answer(name, driver, min(now_ns, t_ns + stall_ns), good, message)
 
     def _take_autopilot(self, status: Any) -> None:
-        """Take whether the vehicle flies, and what the autopilot says of its sensors; when its link is old, nothing."""
+        """Take whether the vehicle flies, and what the autopilot says of its sensors."""
         armed = bool(status.armed) if status.armed_known else None
         self._watchdog.add_vehicle(armed=armed, on_ground=status.landed == msg.AutopilotStatus.ON_GROUND)
-        limit_s = min((spec.polling.autopilot_age_limit_ns for spec in self._specs), default=0) / _S
-        fresh = status.link_age <= limit_s
-        health = {sensor: _HEALTH.get(getattr(status, sensor.value)) if fresh else None for sensor in AutopilotSensor}
-        self._watchdog.add_autopilot(self._clock.now_ns(), health)
+        said = health_of(status)
+        health = {sensor: said.healthy[sensor.value] for sensor in AutopilotSensor}
+        self._watchdog.add_autopilot(self._clock.now_ns(), health, link_age_s=said.link_age_s, sequence=said.sequence)
 
     # --- what is said and done; on the watching thread ------------------------------------------------------------
 

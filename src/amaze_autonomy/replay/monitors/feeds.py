@@ -563,7 +563,8 @@ class HealthFeed(Feed):
     def take(self, t_ns: int, message: Any) -> None:
         """Take a status."""
         said = health_of(message)
-        self._watchdog.add_autopilot(t_ns, {sensor: said[sensor.value] for sensor in AutopilotSensor})
+        health = {sensor: said.healthy[sensor.value] for sensor in AutopilotSensor}
+        self._watchdog.add_autopilot(t_ns, health, link_age_s=said.link_age_s, sequence=said.sequence)
 
     def play(self, t_ns: int) -> None:
         """Take one of a vehicle whose sensors all work."""

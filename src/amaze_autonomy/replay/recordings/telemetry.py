@@ -383,5 +383,5 @@ def imu(t_ns: int, message: Any) -> Imu:
 def status(t_ns: int, vehicle: VehicleState) -> Any:
     """Return what the autopilot node would say of a vehicle at a time."""
     said = vehicle.status(t_ns)
-    more = health_fields(vehicle.health(t_ns))
+    more = health_fields(vehicle.health(t_ns), sequence=vehicle.system.sequence)
     return status_of(said).write(said, lambda _: SimpleNamespace, header=header(t_ns), **more)
