@@ -6,6 +6,7 @@ import pytest
 
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.config.consistency import contradictions, unnamed_topics, unrecorded_topics
+from amaze_autonomy.monitoring.specs import RestartPolicy
 
 
 def test_a_restart_must_end_before_the_fix_is_given_up(mistake, small_file):
@@ -14,6 +15,39 @@ def test_a_restart_must_end_before_the_fix_is_given_up(mistake, small_file):
         "sensors.yaml:13: components.camera.restart.total_limit_s: is 61; "
         "must be at most checks.preflight_fix_limit_s of autonomy.yaml (60), or it is not waited for"
     )
+
+
+NEEDED = "must be another one, or another node: %s, and is never ended: the vehicle would be uncontrollable"
+
+
+@pytest.mark.parametrize(
+    "node, why",
+    [
+        ("/mavros", "/mavros is a node of local_position, of the PX4"),
+        ("/autopilot", "/autopilot is a node of this stack"),
+        ("/left/mission_planner", "/left/mission_planner is a node of this stack"),
+        ("/data_recorder_main", "/data_recorder_main is a node of this stack"),
+        ("/link", "/link is mavros, the link to the vehicle"),
+    ],
+)
+def test_a_node_that_the_vehicle_needs_is_not_restarted_for_another_component(mistake, small_file, small, node, why):
+    (small / "autopilot.yaml").write_text("backend: mavros\nmavros: /link\n")
+    text = small_file("sensors.yaml").replace("/camera\n", f"{node}\n")
+    text += "  local_position:\n    group: px4\n    severity: highest\n    node: /mavros\n"
+    wrong = f"sensors.yaml:13: components.camera.restart.policy: is node; {NEEDED % why}"
+    assert mistake("sensors.yaml", text) == wrong
+
+
+def test_a_node_that_the_vehicle_needs_may_be_watched_by_all(small, small_file):
+    text = small_file("sensors.yaml").replace("/camera\n", "/mavros\n").replace("    restart: {policy: node}\n", "")
+    text += "  local_position:\n    group: px4\n    severity: highest\n    node: /mavros\n"
+    (small / "sensors.yaml").write_text(text)
+    assert [spec.node for spec in load_configuration(small).components] == [None, "/mavros", "/mavros"]
+
+
+def test_where_the_link_is_not_mavros_its_name_is_anybodys(small):
+    (small / "autopilot.yaml").write_text("backend: mavlink\nmavros: /camera\n")
+    assert load_configuration(small).components[1].restart.policy is RestartPolicy.NODE
 
 
 def test_no_takeoff_at_a_critical_battery(mistake, small_file):

@@ -12,7 +12,7 @@ from monitoring_feed import S
 from amaze_autonomy.engine.rules import Restart
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.errors import RestartRefusedError
-from amaze_autonomy.monitoring.restart import RestartMachine, RestartRequest
+from amaze_autonomy.monitoring.restart import RestartMachine, RestartRequest, why_kept
 from amaze_autonomy.monitoring.specs import ComponentSpec, RestartPolicy, RestartSpec
 
 COMMAND = ("systemctl", "restart", "camera")
@@ -176,6 +176,30 @@ def test_the_px4_is_refused_here_too_whatever_the_specification_says(policy: Res
     assert refused.value.component == "px4_imu"
     expected = "px4_imu belongs to the PX4, which is never restarted: the vehicle would be uncontrollable"
     assert str(refused.value) == expected
+
+
+@pytest.mark.parametrize(
+    "node, why",
+    [
+        ("/px4/driver", "/px4/driver is a node of imu, of the PX4"),
+        ("/mavros", "/mavros is mavros, the link to the vehicle"),
+        ("/watchdog", "/watchdog is a node of this stack"),
+        ("/left/autopilot", "/left/autopilot is a node of this stack"),
+        ("/data_recorder_second", "/data_recorder_second is a node of this stack"),
+        ("/camera", ""),
+        ("/watchdog/camera", ""),
+        ("/autopilot_camera", ""),
+    ],
+)
+def test_a_node_that_the_vehicle_needs_is_never_ended(node: str, why: str):
+    for link in ("/mavros", "/mavros/"):
+        assert why_kept(node, {"/px4/driver": "imu"}, link) == why
+    if node == "/mavros":
+        assert why_kept(node, {}) == ""
+    refused = RestartRefusedError("camera", why)
+    assert refused.component == "camera"
+    if why:
+        assert str(refused) == f"camera is not restarted: {why}: the vehicle would be uncontrollable"
 
 
 @given(

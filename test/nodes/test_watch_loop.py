@@ -15,7 +15,7 @@ from amaze_autonomy import msg
 from amaze_autonomy.engine.rules import Code, Severity
 from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
-from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, TopicSpec
+from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, RestartSpec, TopicSpec
 from amaze_autonomy.monitoring.watchdog import Watchdog
 from amaze_autonomy.nodes.watchdog import node, restarter
 from amaze_autonomy.nodes.watchdog.watch_loop import TakeoffDesk, TakeoffRequest, TopicWatch, WatchLoop
@@ -222,6 +222,19 @@ def test_a_restart_that_cannot_begin_has_failed(error):
     request = SimpleNamespace(component="lrf")
     node.WatchdogNode._restart(nodes, request)
     assert outcomes == [(request, 7, False)]
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("node_name", ["/mavros", "/px4/driver", "/watchdog", "/left/autopilot"])
+def test_a_node_that_the_vehicle_needs_is_not_ended_whoever_asks(node_name):
+    specs = (
+        ComponentSpec("camera", node=node_name, restart=RestartSpec(RestartPolicy.NODE)),
+        ComponentSpec("imu", "px4", node="/px4/driver"),
+    )
+    begun = restarter.Restarter(specs, {}, lambda *_: pytest.fail("it was carried out"), link="/mavros")
+    request = RestartRequest("camera", 1, RestartPolicy.NODE, node_name, (), 30_000 * MS)
+    with pytest.raises(RestartRefusedError, match=f"^camera is not restarted: {node_name} is .* uncontrollable$"):
+        begun.begin(request)
 
 
 @pytest.mark.live

@@ -5,9 +5,10 @@ from __future__ import annotations
 import difflib
 import re
 from dataclasses import dataclass
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NoReturn, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NoReturn, Optional, Tuple
 
 from ..engine.rules import SEVERITIES, Action, Severity
+from ..monitoring.restart import why_kept
 from .kinds import Address, Places
 from .schema import refuse_at
 
@@ -498,6 +499,25 @@ def _check_restart(component: Mapping[str, Any], here: Address, places: Places) 
     if restart["total_limit_s"] < restart["attempt_limit_s"]:
         right = f"must be at least attempt_limit_s ({restart['attempt_limit_s']:g})"
         refuse_at((*at, "total_limit_s"), places, f"is {restart['total_limit_s']:g}", right)
+
+
+def check_restarted_nodes(
+    components: Mapping[str, Any], autopilot: Optional[Mapping[str, Any]], places: Places
+) -> None:
+    """Check that no node is restarted that the vehicle needs; `places` are those of sensors.yaml.
+
+    Raises:
+        ConfigError: about the policy of the component that asks for it.
+    """
+    px4 = {each["node"]: name for name, each in components.items() if each["group"] == "px4" and each["node"]}
+    link = autopilot["mavros"] if autopilot is not None and autopilot["backend"] == "mavros" else ""
+    for name, component in components.items():
+        kept = why_kept(component["node"], px4, link) if component["restart"]["policy"] == "node" else ""
+        if kept:
+            right = (
+                f"must be another one, or another node: {kept}, and is never ended: the vehicle would be uncontrollable"
+            )
+            refuse_at(("components", name, "restart", "policy"), places, "is node", right)
 
 
 def _check_wait(component: Mapping[str, Any], here: Address, places: Places) -> None:

@@ -22,6 +22,7 @@ from .consistency import (
     check_recording,
     check_replies,
     check_required,
+    check_restarted_nodes,
 )
 from .document import Entry, Scalar, Table, entry_of, parse, read, replace
 from .errors import ConfigError, Place
@@ -119,6 +120,7 @@ def _read_all(trees: Mapping[str, Entry]) -> _Read:
 def _check(values: Mapping[str, Any], places: Mapping[str, Places]) -> None:
     check_order(values["autonomy"], places["autonomy"])
     check_components(values["sensors"]["components"], places["sensors"])
+    check_restarted_nodes(values["sensors"]["components"], values.get("autopilot"), places["sensors"])
     check_autonomy_with_sensors(values["autonomy"], values["sensors"], places["sensors"])
     if "missions" in values:
         check_heights(values["autonomy"], values["missions"], places["missions"])

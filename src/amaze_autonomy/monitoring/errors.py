@@ -31,12 +31,16 @@ class SpecError(MonitoringError, ValueError):
 
 
 class RestartRefusedError(MonitoringError):
-    """A component of the PX4 would have been restarted: the vehicle would be uncontrollable."""
+    """What the vehicle needs would have been restarted: it would be uncontrollable.
 
-    def __init__(self, component: str) -> None:
-        super().__init__(
-            f"{component} belongs to the PX4, which is never restarted: the vehicle would be uncontrollable"
-        )
+    Args:
+        component: whose restart it is.
+        kept: why its node is never ended, in words; empty: the component itself belongs to the PX4.
+    """
+
+    def __init__(self, component: str, kept: str = "") -> None:
+        why = f"is not restarted: {kept}" if kept else "belongs to the PX4, which is never restarted"
+        super().__init__(f"{component} {why}: the vehicle would be uncontrollable")
         self.component = component
 
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Mapping, Optional, Tuple
 
 from ..engine.rules import Restart
 from .condition import FOREVER_NS
@@ -30,6 +30,37 @@ from .specs import ComponentSpec, RestartPolicy
 
 _LATE_NS = 500_000_000
 """No two attempts take the same time: one that is later than this is expected to take its whole limit."""
+
+
+_OURS = (
+    "autonomy",
+    "autopilot",
+    "cns_peers",
+    "cns_server",
+    "landing_detection",
+    "mavlink_router",
+    "mission_planner",
+    "node_group",
+    "state_estimation",
+    "watchdog",
+)
+_OUR_RECORDERS = "data_recorder"  # one on each platform: data_recorder_main
+
+
+def why_kept(node: str, of_the_px4: Mapping[str, str], link: str = "") -> str:
+    """Return why a node is never ended, whoever would have it restarted; empty: it may be.
+
+    Args:
+        node: its name.
+        of_the_px4: nodes of components of the PX4, and the names of these.
+        link: the node through which the vehicle is reached; empty: none but ours.
+    """
+    own = node.rpartition("/")[2]
+    if node in of_the_px4:
+        return f"{node} is a node of {of_the_px4[node]}, of the PX4"
+    if link and node == link.rstrip("/"):
+        return f"{node} is mavros, the link to the vehicle"
+    return f"{node} is a node of this stack" if own in _OURS or own.startswith(_OUR_RECORDERS) else ""
 
 
 @dataclass(frozen=True)

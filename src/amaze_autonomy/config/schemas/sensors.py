@@ -57,7 +57,7 @@ _TOPIC_ROWS: Tuple[Row, ...] = (
     ("stamp_tolerance_ns", _time(60), "header stamps further than this from the arrival are code 2; left out: not looked at", "clocks of two computers drift apart"),
 )
 _RESTART_ROWS: Tuple[Row, ...] = (
-    ("policy", Choice(tuple(policy.value for policy in RestartPolicy)), "what is restarted: the node (killed, roslaunch respawns it), driver or else by a command, or never", "never is the only one in group px4: the vehicle would be uncontrollable"),
+    ("policy", Choice(tuple(policy.value for policy in RestartPolicy)), "what is restarted: the node (killed, roslaunch respawns it), driver or else by a command, or never", "never is the only one in group px4, and node is refused where the PX4 or this stack needs the node: the vehicle would be uncontrollable"),
     ("command", _COMMAND, "program and arguments, for the policies driver and command", "no shell: nothing is expanded or chained"),
     ("attempts", Whole(1, 100), "at most so many, one after the other", "what does not come back in three does not come back"),
     ("backoff_ns", _time(60), "pause between two attempts", "a USB device needs a second to go away"),

@@ -81,7 +81,9 @@ class WatchdogNode:
         self._info = rospy.Publisher("watchdog/info", msg.WatchdogInfo, queue_size=_QUEUE, tcp_nodelay=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=_QUEUE)
         self._nodes = self._make_nodes()
-        self._restarter = Restarter(self._specs, self._nodes, self._tell_restart)
+        autopilot = configuration.autopilot
+        link = autopilot.mavros if autopilot.backend == "mavros" else ""
+        self._restarter = Restarter(self._specs, self._nodes, self._tell_restart, link)
         self._periodics = self._ask_nodes() + self._check_drivers()
 
     # --- what is watched ------------------------------------------------------------------------------------------

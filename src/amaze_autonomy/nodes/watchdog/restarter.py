@@ -2,7 +2,8 @@
 
 A node under roslaunch's `respawn` is restarted by ending it: asked to shut down while it still answers, killed when it
 does not end. One that is gone already, or has just come back, is left to roslaunch. Whether the component is back is
-shown by its samples, not by what is reported here. Nothing of the PX4 is ever touched.
+shown by its samples, not by what is reported here. Nothing of the PX4 is ever touched, nor a node that it or this stack
+needs, whatever component asks for it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Callable, List, Mapping, NamedTuple, Sequence, Tuple
 import rospy
 
 from amaze_autonomy.monitoring.errors import RestartRefusedError
-from amaze_autonomy.monitoring.restart import RestartRequest
+from amaze_autonomy.monitoring.restart import RestartRequest, why_kept
 from amaze_autonomy.monitoring.specs import ComponentSpec, RestartPolicy
 from amaze_autonomy.ros.clock import Workers
 from amaze_autonomy.ros.liveness import NodeLiveness, Place, call, find
@@ -38,6 +39,7 @@ class Restarter:
         specs: all components.
         nodes: the nodes that are watched, by name.
         tell: gets each request when it has been carried out, or could not be; on a worker.
+        link: the node through which the vehicle is reached; empty: none but ours.
     """
 
     def __init__(
@@ -45,9 +47,11 @@ class Restarter:
         specs: Tuple[ComponentSpec, ...],
         nodes: Mapping[str, NodeLiveness],
         tell: Callable[[RestartRequest, bool], None],
+        link: str = "",
     ) -> None:
         self._specs = {spec.name: spec for spec in specs}
-        self._nodes, self._tell = nodes, tell
+        self._of_the_px4 = {spec.node: spec.name for spec in specs if spec.group == "px4" and spec.node}
+        self._nodes, self._tell, self._link = nodes, tell, link
         self._workers = Workers("restart")
         self._workers.prepare(_AHEAD)  # what fails may fail for want of processes or memory: nothing is left then
 
@@ -55,12 +59,15 @@ class Restarter:
         """Begin a restart; returns at once.
 
         Raises:
-            RestartRefusedError: It belongs to the PX4, or to nobody.
+            RestartRefusedError: It belongs to the PX4, or to nobody, or its node is one that the vehicle needs.
             RuntimeError: No thread can be had for it. Likewise MemoryError.
         """
         spec = self._specs.get(request.component)
         if spec is None or spec.group == "px4" or spec.restart.policy is RestartPolicy.NEVER:
             raise RestartRefusedError(request.component)
+        kept = why_kept(request.node, self._of_the_px4, self._link) if request.policy is RestartPolicy.NODE else ""
+        if kept:
+            raise RestartRefusedError(request.component, f"{kept}, and is never ended")
         self._workers.submit(lambda: self._carry_out(request))
 
     def _carry_out(self, request: RestartRequest) -> None:
