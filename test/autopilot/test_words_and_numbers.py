@@ -15,7 +15,16 @@ from amaze_autonomy.autopilot.vehicle.client import AutopilotClient
 from amaze_autonomy.autopilot.vehicle.modes import Control, Heartbeat, mode_name, mode_number, px4_number
 from amaze_autonomy.autopilot.vehicle.position import Place, Position
 from amaze_autonomy.autopilot.vehicle.texts import Text, Texts
-from amaze_autonomy.autopilot.vehicle.vehicle import ClockOffset, Gps, GpsLimits, Sync, SystemStatus, gps_health
+from amaze_autonomy.autopilot.vehicle.vehicle import (
+    ClockOffset,
+    Gps,
+    GpsLimits,
+    Sync,
+    SystemStatus,
+    VehicleState,
+    gps_by_its_bit,
+    gps_health,
+)
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.monitoring.specs import BatterySpec
 
@@ -142,6 +151,36 @@ def test_a_bit_that_leaves_has_failed_and_one_that_never_was_is_unknown():
     assert system.healthy(0, (32,)) is False
     assert system.healthy(9 * S, (32,)) is None
     assert system.sequence == 3, "each counts as a report of its own, whatever it says"
+
+
+@pytest.mark.parametrize(
+    "system, problem, by_bit",
+    [
+        (None, None, True),
+        (True, None, True),
+        (False, None, True),
+        (None, "", False),
+        (True, "", False),
+        (False, "", True),
+        (False, "silent for 3.0 s", False),
+        (True, "silent for 3.0 s", False),
+    ],
+)
+def test_what_decides_the_health_of_the_gps(system, problem, by_bit):
+    assert gps_by_its_bit(system=system, problem=problem) is by_bit
+
+
+def test_a_report_is_numbered_and_the_gps_where_its_bit_decides():
+    vehicle = VehicleState(AutopilotSettings())
+    assert vehicle.sequences(0) == {"sensors_sequence": 0, "gps_sequence": 0}
+    vehicle.receive(0, bits(32, 32, 32))
+    assert vehicle.sequences(0) == {"sensors_sequence": 1, "gps_sequence": 1}
+    vehicle.receive(1, fix(1))
+    assert vehicle.sequences(1) == {"sensors_sequence": 1, "gps_sequence": 0}
+    vehicle.receive(2, bits(32, 32, 0))
+    assert vehicle.sequences(2) == {"sensors_sequence": 2, "gps_sequence": 2}
+    vehicle.receive(3, fix(2, 0))
+    assert vehicle.sequences(3) == {"sensors_sequence": 2, "gps_sequence": 0}
 
 
 def fix(t_usec, kind=3, **values):

@@ -100,13 +100,15 @@ def test_moments_count_from_when_the_message_was_made():
 
 def test_what_a_status_says_of_the_sensors_is_read_as_it_was_written_and_of_a_status_of_before_likewise():
     said = {"gps": True, "imu": False}
-    written = health_fields(said, sequence=7)
+    numbers = {"sensors_sequence": 7, "gps_sequence": 3}
+    written = health_fields(said, sequences=numbers)
     assert set(written) <= fields_of("msg/AutopilotStatus.msg")
     message = SimpleNamespace(link_age=0.5, **written)
-    assert health_of(message) == ({**dict.fromkeys(HEALTH), **said}, 0.5, 7)
-    del message.sensors_sequence
+    sequences = {"gps": 3, "imu": 7, "magnetometer": 7, "barometer": 7}
+    assert health_of(message) == ({**dict.fromkeys(HEALTH), **said}, 0.5, sequences)
+    del message.sensors_sequence, message.gps_sequence
     message.imu = 9
-    assert health_of(message) == ({**dict.fromkeys(HEALTH), "gps": True}, 0.5, 0)
+    assert health_of(message) == ({**dict.fromkeys(HEALTH), "gps": True}, 0.5, dict.fromkeys(sequences, 0))
 
 
 def test_a_flag_says_what_is_known():

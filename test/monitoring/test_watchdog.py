@@ -146,7 +146,9 @@ def told(world: World, until_s: float, sequence: int, *, good: bool, link_age_s:
     while world.now_ns < until_s * S:
         world.now_ns += S // 5
         health = {AutopilotSensor.IMU: good}
-        world.watchdog.add_autopilot(world.now_ns, health, link_age_s=link_age_s, sequence=sequence)
+        world.watchdog.add_autopilot(
+            world.now_ns, health, link_age_s=link_age_s, sequences={AutopilotSensor.IMU: sequence}
+        )
         world.watchdog.evaluate(world.now_ns)
     return world.watchdog.evaluate(world.now_ns)[0].code
 
@@ -179,6 +181,20 @@ def test_statuses_that_do_not_number_the_reports_count_each(heard: World):
     assert told(heard, 8.0, 0, good=True) == 1
     assert told(heard, 8.2, 0, good=False) == 1
     assert told(heard, 8.4, 0, good=False) == 16
+
+
+def test_each_sensor_has_reports_of_its_own():
+    specs = tuple(ComponentSpec(sensor.value, "px4", autopilot=sensor) for sensor in AutopilotSensor)
+    watchdog = Watchdog(specs)
+    watchdog.start(0)
+    watchdog.add_autopilot(0, dict.fromkeys(AutopilotSensor, True), sequences=dict.fromkeys(AutopilotSensor, 1))
+    for t_ns in (S, 2 * S):
+        sequences = {**dict.fromkeys(AutopilotSensor, 2), AutopilotSensor.GPS: 0}
+        watchdog.add_autopilot(t_ns, dict.fromkeys(AutopilotSensor, False), sequences=sequences)
+    assert {status.name: int(status.code) for status in watchdog.evaluate(2 * S)} == {
+        **{sensor.value: 1 for sensor in AutopilotSensor},
+        "gps": 2,
+    }
 
 
 @pytest.mark.parametrize("link_age_s", [2.1, float("nan"), float("inf")])

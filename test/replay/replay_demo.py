@@ -108,6 +108,7 @@ def _autopilot(event, at):
         gps_fix=event.gps_fix,
         satellites=_nan(event.satellites),
         sensors_sequence=1 + at * 2 // S,  # SYS_STATUS comes twice a second
+        gps_sequence=0,
     )
 
 

@@ -144,7 +144,12 @@ def status_of(event: Event) -> Status:
 
 HEALTH = ("gps", "imu", "magnetometer", "barometer", "rc", "prearm")
 MEASURED = ("battery_cell_voltage", "battery_current", "clock_offset")
-_REPORT = "sensors_sequence"
+_SEQUENCES: Mapping[str, str] = {
+    "gps": "gps_sequence",
+    "imu": "sensors_sequence",
+    "magnetometer": "sensors_sequence",
+    "barometer": "sensors_sequence",
+}
 _HEALTHY: Tuple[Optional[bool], ...] = (None, True, False)
 """SENSOR_UNKNOWN, SENSOR_HEALTHY, SENSOR_FAILED."""
 
@@ -155,25 +160,25 @@ class Health(NamedTuple):
     Args:
         healthy: by name; None: it does not know.
         link_age_s: time since the vehicle was heard; NaN: it never was.
-        sequence: number of the autopilot's own report that it repeats; 0: not told, as in a message of before.
+        sequences: by name, number of the autopilot's own report that it repeats; 0: not told, as in a status of before.
     """
 
     healthy: Dict[str, Optional[bool]]
     link_age_s: float
-    sequence: int
+    sequences: Dict[str, int]
 
 
 def health_fields(
     healthy: Optional[Mapping[str, Optional[bool]]],
     measured: Optional[Mapping[str, Optional[float]]] = None,
-    sequence: int = 0,
+    sequences: Optional[Mapping[str, int]] = None,
 ) -> Dict[str, Any]:
     """Return the fields of the message that say it; what is None or not there is unknown."""
     values = {name: (measured or {}).get(name) for name in MEASURED}
     return {
         **{name: _HEALTHY.index((healthy or {}).get(name)) for name in HEALTH},
         **{name: nan if value is None else value for name, value in values.items()},
-        _REPORT: sequence,
+        **{field: (sequences or {}).get(field, 0) for field in _SEQUENCES.values()},
     }
 
 
@@ -181,7 +186,8 @@ def health_of(message: Any) -> Health:
     """Return what a message says of the autopilot's sensors."""
     values = {name: int(getattr(message, name, 0)) for name in HEALTH}
     healthy = {name: _HEALTHY[value] if 0 <= value < len(_HEALTHY) else None for name, value in values.items()}
-    return Health(healthy, float(getattr(message, "link_age", 0.0)), int(getattr(message, _REPORT, 0)))
+    sequences = {name: int(getattr(message, field, 0)) for name, field in _SEQUENCES.items()}
+    return Health(healthy, float(getattr(message, "link_age", 0.0)), sequences)
 
 
 # --- services ---------------------------------------------------------------------------------------------------------

@@ -70,7 +70,7 @@ class Watchdog:
         self._new_check_after_ns = new_check_after_ns
         self._started_ns: Optional[int] = None
         self._in_flight = False
-        self._reported = 0
+        self._reported: Dict[AutopilotSensor, int] = {}
         self._required: Tuple[str, ...] = ()
         self._tolerated: Tuple[str, ...] = ()
         self._statuses: Tuple[ComponentStatus, ...] = ()
@@ -198,7 +198,7 @@ class Watchdog:
         health: Mapping[AutopilotSensor, Optional[bool]],
         *,
         link_age_s: float = 0.0,
-        sequence: int = 0,
+        sequences: Mapping[AutopilotSensor, int] = {},
     ) -> None:
         """Add what a status says of the autopilot's sensors.
 
@@ -206,13 +206,15 @@ class Watchdog:
             t_ns: when it came.
             health: of each sensor; None: the autopilot does not know, which is silence.
             link_age_s: for how long the vehicle had not been heard; what is said over a dead link is silence.
-            sequence: number of the autopilot's own report that the status repeats. Each counts once, so that what is
-                told again is neither a second report nor a young one. 0: it is not told, and each status counts as one.
+            sequences: of each sensor, number of the autopilot's own report that the status repeats. Each counts once:
+                what is told again is neither a second report nor a young one. 0: it is not told, and each status
+                counts as one.
         """
-        again, self._reported = 0 != sequence == self._reported, sequence
-        if again:
-            return
         for sensor in AutopilotSensor:
+            sequence = sequences.get(sensor, 0)
+            again, self._reported[sensor] = 0 != sequence == self._reported.get(sensor), sequence
+            if again:
+                continue
             for monitor in self._autopilot[sensor]:
                 good = health.get(sensor) if link_age_s * _S <= monitor.age_limit_ns else None
                 self._dirty |= monitor.add(t_ns, good, "the autopilot says that it has failed")

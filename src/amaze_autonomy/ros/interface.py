@@ -83,7 +83,7 @@ def status_message(
     ros_ns: int,
     healthy: Optional[Mapping[str, Optional[bool]]] = None,
     measured: Optional[Mapping[str, Optional[float]]] = None,
-    sequence: int = 0,
+    sequences: Optional[Mapping[str, int]] = None,
 ) -> Any:
     """Return the message of an event, stamped with the time at which it says that it was made.
 
@@ -92,11 +92,11 @@ def status_message(
         ros_ns: now.
         healthy: of an autopilot, what `statuses.HEALTH` names; None or not there: unknown.
         measured: likewise, what `statuses.MEASURED` names.
-        sequence: likewise, number of the vehicle's own report of its sensors; 0: unknown.
+        sequences: likewise, numbers of the vehicle's own reports of its sensors, by their fields.
     """
     more: Dict[str, Any] = {}
     if isinstance(event, AutopilotStatus):
-        more = health_fields(healthy, measured, sequence)
+        more = health_fields(healthy, measured, sequences)
     elif isinstance(event, RecordingStatus):
         more = {"remaining": nan}
     message = status_of(event).write(event, classes, **more)

@@ -31,7 +31,7 @@ def codes(statuses):
 
 
 def status(sequence, *, good=True, link_age_s=0.0):
-    fields = health_fields({"imu": good}, sequence=sequence)
+    fields = health_fields({"imu": good}, sequences={"sensors_sequence": sequence or 0})
     if sequence is None:
         del fields["sensors_sequence"]  # a recording of before
     return SimpleNamespace(link_age=link_age_s, **fields)

@@ -135,9 +135,11 @@ def test_a_braking_px4_peaks_at_49_deg_and_only_what_lasts_is_warned_of_or_lande
 def test_a_pilot_s_own_flights_are_nobody_s_mission():
     path = recording("copter_low_battery.tlog")
     rows, outcome = replayed(path, "copter_low_battery", "sensors.battery.cells=3")
-    assert [row for row in rows if row[0] > 461.9] == [
-        (462.4, "PILOT", "armed_by_others"),
-        (737.4, "DATA_CLEANUP", "acknowledged"),
+    assert [row for row in rows if row[0] > 461.3] == [
+        (462.0, "LOAD_MISSION", "recording_proven"),
+        (462.0, "TAKEOFF", "takeoff"),
+        (462.3, "PILOT", "pilot_took_over"),
+        (737.3, "DATA_CLEANUP", "acknowledged"),
         (738.5, "MISSION_ENDED", "data_complete"),
     ]
     assert outcome.state.session.result.value == "PILOT"

@@ -218,6 +218,15 @@ class VehicleState:
         health["gps"] = gps_health(system=health["gps"], problem=self.gps.problem(t_ns))
         return health
 
+    def sequences(self, t_ns: int) -> Dict[str, int]:
+        """Return the numbers of the reports that the health is from, by the fields of a status.
+
+        SYS_STATUS is numbered. GPS_RAW_INT is not: it comes as often as a status, and its silence has no number.
+        """
+        system = self.system.healthy(t_ns, SENSORS["gps"])
+        by_bit = gps_by_its_bit(system=system, problem=self.gps.problem(t_ns))
+        return {"sensors_sequence": self.system.sequence, "gps_sequence": self.system.sequence if by_bit else 0}
+
     def status(self, t_ns: int) -> AutopilotStatus:
         """Return all of it as the engine takes it."""
         told = self.told(t_ns)
@@ -362,7 +371,7 @@ class SystemStatus:
     """
 
     def __init__(self, age_limit_ns: int) -> None:
-        self._age_limit_ns = age_limit_ns
+        self.age_limit_ns = age_limit_ns
         self._t_ns: Optional[int] = None
         self._present = self._enabled = self._health = self._ever = 0
         self.sequence = 0
@@ -378,7 +387,7 @@ class SystemStatus:
 
     def fresh(self, t_ns: int) -> bool:
         """Return whether the bits say anything."""
-        return self._t_ns is not None and t_ns - self._t_ns <= self._age_limit_ns
+        return self._t_ns is not None and t_ns - self._t_ns <= self.age_limit_ns
 
     def healthy(self, t_ns: int, bits: Tuple[int, ...]) -> Optional[bool]:
         """Return whether all of these work; a bit that has left `present` has failed, one that never was is unknown."""
@@ -483,6 +492,11 @@ def gps_health(*, system: Optional[bool], problem: Optional[str]) -> Optional[bo
     if problem or system is False:
         return False
     return True if problem == "" else system
+
+
+def gps_by_its_bit(*, system: Optional[bool], problem: Optional[str]) -> bool:
+    """Return whether it is the bit that decides the health of the GPS, not GPS_RAW_INT."""
+    return problem is None or (not problem and system is False)
 
 
 # --- offset -----------------------------------------------------------------------------------------------------------

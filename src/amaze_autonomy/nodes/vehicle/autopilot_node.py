@@ -162,10 +162,10 @@ class AutopilotNode:
         on = self._link.ask(lambda t_ns: (self.client.land_switch.on(t_ns), ()))
         if on is not None:
             self._switch.publish(on)
-        status, health, measured, sequence = self._link.ask(lambda t_ns: (self._state(t_ns), ()))
-        self._publisher.publish(status_message(status, self._clock.ros_ns(), health, measured, sequence))
+        status, health, measured, sequences = self._link.ask(lambda t_ns: (self._state(t_ns), ()))
+        self._publisher.publish(status_message(status, self._clock.ros_ns(), health, measured, sequences))
 
-    def _state(self, t_ns: int) -> Tuple[Any, Dict[str, Optional[bool]], Dict[str, Optional[float]], int]:
+    def _state(self, t_ns: int) -> Tuple[Any, Dict[str, Optional[bool]], Dict[str, Optional[float]], Dict[str, int]]:
         vehicle = self.client.vehicle
         health = {**vehicle.health(t_ns), "rc": vehicle.system.rc(t_ns), "prearm": vehicle.system.prearm(t_ns)}
         battery, offset_ns = vehicle.battery.reading(), vehicle.offset.utc_offset_ns
@@ -174,7 +174,7 @@ class AutopilotNode:
             "battery_current": None if battery is None else battery.current_a,
             "clock_offset": None if offset_ns is None else offset_ns / _S,
         }
-        return vehicle.status(t_ns), health, measured, vehicle.system.sequence
+        return vehicle.status(t_ns), health, measured, vehicle.sequences(t_ns)
 
     def _tell_link(self) -> None:
         """Log what has become of the link, once for each change."""

@@ -172,7 +172,8 @@ class WatchdogNode:
         self._watchdog.add_vehicle(armed=armed, on_ground=status.landed == msg.AutopilotStatus.ON_GROUND)
         said = health_of(status)
         health = {sensor: said.healthy[sensor.value] for sensor in AutopilotSensor}
-        self._watchdog.add_autopilot(self._clock.now_ns(), health, link_age_s=said.link_age_s, sequence=said.sequence)
+        sequences = {sensor: said.sequences[sensor.value] for sensor in AutopilotSensor}
+        self._watchdog.add_autopilot(self._clock.now_ns(), health, link_age_s=said.link_age_s, sequences=sequences)
 
     # --- what is said and done; on the watching thread ------------------------------------------------------------
 

@@ -564,7 +564,8 @@ class HealthFeed(Feed):
         """Take a status."""
         said = health_of(message)
         health = {sensor: said.healthy[sensor.value] for sensor in AutopilotSensor}
-        self._watchdog.add_autopilot(t_ns, health, link_age_s=said.link_age_s, sequence=said.sequence)
+        sequences = {sensor: said.sequences[sensor.value] for sensor in AutopilotSensor}
+        self._watchdog.add_autopilot(t_ns, health, link_age_s=said.link_age_s, sequences=sequences)
 
     def play(self, t_ns: int) -> None:
         """Take one of a vehicle whose sensors all work."""

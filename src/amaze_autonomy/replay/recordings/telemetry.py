@@ -381,7 +381,11 @@ def imu(t_ns: int, message: Any) -> Imu:
 
 
 def status(t_ns: int, vehicle: VehicleState) -> Any:
-    """Return what the autopilot node would say of a vehicle at a time."""
+    """Return what the autopilot node would say of a vehicle at a time.
+
+    Reports are not numbered in a slow recording: each lasts for longer than the watchdog waits for the next one.
+    """
     said = vehicle.status(t_ns)
-    more = health_fields(vehicle.health(t_ns), sequence=vehicle.system.sequence)
+    slow = vehicle.system.age_limit_ns > AutopilotSettings().limits.system_age_limit_ns
+    more = health_fields(vehicle.health(t_ns), sequences=None if slow else vehicle.sequences(t_ns))
     return status_of(said).write(said, lambda _: SimpleNamespace, header=header(t_ns), **more)
