@@ -81,7 +81,7 @@ def test_it_is_nominal_when_all_of_its_sources_are_good():
         ("right", "no message on /right for longer than 0.5 s"),
         ("node", "node /camera: no answer for longer than 1.5 s"),
         ("driver", "driver check lsusb: no answer for longer than 5 s"),
-        ("autopilot", "the autopilot's gps: no answer for longer than 2 s"),
+        ("autopilot", "the autopilot's gps: no answer for longer than 5 s"),
     ],
 )
 def test_each_of_its_sources_alone_makes_it_fail(missing: str, reason: str):

@@ -201,8 +201,8 @@ def test_one_report_of_the_autopilot_counts_once_and_over_a_dead_link_not_at_all
     for at_ms, sequence, imu in ((0, 1, healthy), (500, 2, failed), (700, 2, failed), (900, 2, failed)):
         assert code(at_ms, sequence, imu) is Code.NOMINAL
     assert code(1000, 3, healthy) is Code.NOMINAL
-    assert code(2900, 4, healthy, link_age=2.1) is Code.NOMINAL
-    assert code(3100, 5, healthy, link_age=2.1) is Code.ABORT
+    assert code(5900, 4, healthy, link_age=5.1) is Code.NOMINAL
+    assert code(6100, 5, healthy, link_age=5.1) is Code.ABORT
 
 
 # --- restarts ---------------------------------------------------------------------------------------------------------

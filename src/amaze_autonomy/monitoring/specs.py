@@ -139,7 +139,7 @@ class PollingSpec(Checked):
     driver_period_ns: int = 2 * _S
     driver_run_limit_ns: int = 1 * _S
     driver_age_limit_ns: int = 5 * _S
-    autopilot_age_limit_ns: int = 2 * _S
+    autopilot_age_limit_ns: int = 5 * _S
     autopilot_reports: int = 2
 
     def __post_init__(self) -> None:

@@ -50,11 +50,11 @@ def test_a_recording_that_does_not_number_the_reports_is_judged_by_its_statuses(
 
 @pytest.mark.parametrize("sequence", [None, 1])
 def test_a_recorded_link_that_dies_is_silence(sequence):
-    """The last of it that counts: over a link of 2 s without numbers, the first status with them."""
-    told = [status(sequence, link_age_s=max(0.0, number * 0.2 - 2.0)) for number in range(60)]
-    assert codes(told) == [(0.0, Code.NOMINAL), (6.2 if sequence is None else 2.2, Code.ABORT)]
+    """The last of it that counts: over a link of 5 s without numbers, the first status with them."""
+    told = [status(sequence, link_age_s=max(0.0, number * 0.2 - 2.0)) for number in range(90)]
+    assert codes(told) == [(0.0, Code.NOMINAL), (12.2 if sequence is None else 5.2, Code.ABORT)]
 
 
 def test_silence_is_judged_once():
-    told = [status(min(number // 3, 5) + 1) for number in range(40)]
-    assert codes(told) == [(0.0, Code.NOMINAL), (3.0 + 2.0 + 0.2, Code.ABORT)]
+    told = [status(min(number // 3, 5) + 1) for number in range(60)]
+    assert codes(told) == [(0.0, Code.NOMINAL), (3.0 + 5.0 + 0.2, Code.ABORT)]

@@ -73,7 +73,7 @@ _POLLING_ROWS: Tuple[Row, ...] = (
     ("driver_period_ns", _time(60), "how often the command that looks at a driver is run", "it starts a process each time"),
     ("driver_run_limit_ns", _time(60), "time that one run may take", "longer is a failed run"),
     ("driver_age_limit_ns", _time(60), "longest time without a result", "two runs"),
-    ("autopilot_age_limit_ns", _time(60), "longest time without a report of the autopilot", "it reports at 1 to 5 Hz"),
+    ("autopilot_age_limit_ns", _time(60), "longest time without a report of the autopilot", "it reports at 1 to 5 Hz, and a link may lose a fifth"),
     ("autopilot_reports", Whole(1, 100), "reports in a row that change the verdict", "a single one may be a glitch"),
 )
 # fmt: on
