@@ -4,13 +4,14 @@ import json
 
 import pytest
 from bag_tools import digest, multiset, rows
-from part_tools import part, plan, two_platforms
+from part_tools import FACTS, part, plan, two_platforms
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.recording import job
 from amaze_autonomy.recording.errors import RecordingError
 from amaze_autonomy.recording.job import collect
+from amaze_autonomy.recording.parts import close_parts
 
 MERGES_AGAIN = "rosbag cannot read it; the parts are kept, retry merges again"
 
@@ -131,6 +132,17 @@ def test_a_recording_is_never_written_over_when_its_parts_are_not_what_was_recor
     own.write_bytes(whole)
     assert collect(plan(session)).messages == 900
     assert multiset(output) == multiset(own, session / "second" / "realsense-01.bag")
+
+
+def test_nor_when_one_that_became_zeros_was_recovered_and_listed_anew(session, merges):
+    collect(plan(session))
+    output, own = session / "s1_m.bag", session / "main" / "states-01.bag"
+    before, size = digest(output), own.stat().st_size
+    own.write_bytes(own.read_bytes()[: size // 2] + bytes(size - size // 2))
+    close_parts(session / "main", {**FACTS, "anew": True})
+    with pytest.raises(RecordingError, match=r"states-01\.bag is not what was recorded any more; both are kept"):
+        collect(plan(session))
+    assert (digest(output), len(merges)) == (before, 1)
 
 
 def test_a_recording_that_failed_its_verification_is_kept_when_its_parts_are_gone(session, monkeypatch):

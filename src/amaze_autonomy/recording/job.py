@@ -182,7 +182,9 @@ class _Inputs(NamedTuple):
         paths: of all bags.
         offsets_ns: the correction of each.
         origins: the platform of each, by its place in the plan.
-        unchecked: the sha256 that files had when they were closed, of those that were not looked at again since.
+        unchecked: the sha256 that files had when they were closed, of those that were not looked at again since, or
+            that were found to be otherwise.
+        recovered: files that had to be recovered after they were listed, and lost something.
         platforms: what the manifest says of each.
         lost: by all of them.
     """
@@ -191,6 +193,7 @@ class _Inputs(NamedTuple):
     offsets_ns: List[int]
     origins: List[int]
     unchecked: Dict[Path, str]
+    recovered: List[Path]
     platforms: Dict[str, Any]
     lost: List[Loss]
 
@@ -209,7 +212,7 @@ def _inputs(plan: Plan) -> _Inputs:
         RecordingError: A part did not arrive as it was sent, or there is no bag at all.
     """
     lost = [Loss(f"{name}: its part, nothing of this session is there") for name in plan.facts.get("absent", ())]
-    found = _Inputs([], [], [], {}, {}, lost + _began_late(plan.facts) + _ended_early(plan.facts))
+    found = _Inputs([], [], [], {}, [], {}, lost + _began_late(plan.facts) + _ended_early(plan.facts))
     for origin, source in enumerate(plan.sources):
         content = check_arrived(source.folder, checksums=source.fetched)
         parts = whole_bags(source.folder, content, plan.output.parent / source.platform)
@@ -217,9 +220,11 @@ def _inputs(plan: Plan) -> _Inputs:
         found.paths.extend(part.path for part in parts)
         found.offsets_ns.extend([source.correction_ns] * len(parts))
         found.origins.extend([origin] * len(parts))
-        if not source.fetched:
-            first = {str(each["file"]): each.get("changed") or each["sha256"] for each in content["files"]}
-            found.unchecked.update({source.folder / name: sha256 for name, sha256 in first.items()})
+        for each in content["files"]:
+            if each.get("changed") or not source.fetched:
+                found.unchecked[source.folder / str(each["file"])] = each.get("changed") or each["sha256"]
+            if each.get("listed_as") and each.get("lost") != 0:
+                found.recovered.append(source.folder / str(each.get("recovered_from")))
         found.lost.extend(each._replace(words=f"{source.platform}/{each.words}") for each in gone)
         found.platforms[source.platform] = {
             "clock": dict(source.clock),
@@ -332,18 +337,36 @@ def _usable_manifest(plan: Plan, inputs: _Inputs) -> Optional[Dict[str, Any]]:
 def _check_unchanged(output: Path, inputs: _Inputs) -> None:
     """See to it that what is written over can be made again: its parts are what they were when they were closed.
 
+    Or they are what it was verified to be made of: of parts that had changed before, it never had more.
+
     Raises:
         RecordingError: One is not; the recording that is there may be the only copy of what it was.
     """
     if not output.exists():
         return
-    changed = [path for path, sha256 in inputs.unchecked.items() if sha256_of(path) != sha256]
+    used, verified = _used(output)
+    found = {path: sha256_of(path) for path in inputs.unchecked}
+    made_of = used if verified else {}
+    changed = [
+        path for path, first in inputs.unchecked.items() if found[path] not in (first, made_of.get(path.resolve()))
+    ]
+    changed += [path for path in inputs.recovered if path.resolve() in used]
     if changed:
         names = " and ".join(map(str, changed))
         raise RecordingError(
             f"{output}: is not made again, as it may have what its parts lack: {names} is not what was recorded any "
             "more; both are kept"
         )
+
+
+def _used(output: Path) -> Tuple[Dict[Path, str], bool]:
+    """Return the sha256 of each file that a recording was made of, by its manifest, and whether that was verified."""
+    try:
+        manifest = read_manifest(manifest_path(output))
+        used = {(output.parent / str(each["file"])).resolve(): str(each["sha256"]) for each in manifest["inputs"]}
+        return used, bool((manifest["verified"] or {}).get("ok"))
+    except (BagError, KeyError, TypeError, AttributeError):
+        return {}, False
 
 
 def _relative(path: Path, folder: Path) -> str:

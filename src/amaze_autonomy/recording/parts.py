@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import struct
 from contextlib import suppress
-from itertools import count
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set
 
@@ -24,7 +23,7 @@ from amaze_autonomy.whole_file import sha256_of, sync_folder
 from .errors import TransferError
 from .losses import Numbers, Stream, Written, account, header_numbers, recorded, written
 from .programs import LogState, read_line
-from .storage import PARTS, is_as_listed, read_json, read_parts, write_json
+from .storage import PARTS, aside, is_as_listed, read_json, read_parts, write_json
 
 _RECOVERED = ".recovered.bag"
 Progress = Callable[[int, int], None]
@@ -189,20 +188,26 @@ def _put_on_disk(folder: Path, entries: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _compared(entry: Dict[str, Any], before: Mapping[str, Any], *, anew: bool) -> Dict[str, Any]:
-    """Return an entry with what is known of it since it was listed before; `anew`: it should be as it was then."""
+    """Return an entry with what is known of it since it was listed before; `anew`: it should be as it was then.
+
+    What was listed first, whoever has it whole, is named: as `changed` of a file of the same name, and as `listed_as`
+    of one that had to be recovered since.
+    """
     names = (entry["file"], entry.get("recovered_from"))
     was = next((each for each in before["files"] if each["file"] in names and not each.get("open")), None)
     if was is None or entry.get("open"):
         return entry
     if (was["file"], was.get("sha256")) == (entry["file"], entry["sha256"]):
-        return {**entry, **{key: was[key] for key in ("lost", "changed") if key in was}}
+        return {**entry, **{key: was[key] for key in ("lost", "changed", "listed_as") if key in was}}
     if not anew:
         return entry
     if was["file"] == entry["file"]:
-        return {**entry, "lost": None, "changed": was.get("changed") or was.get("sha256")}
+        first = {"listed_as": was["listed_as"]} if "listed_as" in was else {}
+        return {**entry, **first, "lost": None, "changed": was.get("changed") or was.get("sha256")}
     missing = was.get("messages", 0) - entry["messages"]  # it had to be recovered since
     lost = (was.get("lost", 0), missing if missing > 0 else entry["lost"])
-    return {**entry, "lost": None if None in lost else sum(lost)}
+    listed_as = was.get("changed") or was.get("sha256")
+    return {**entry, "listed_as": listed_as, "lost": None if None in lost else sum(lost)}
 
 
 def _gone(folder: Path, entries: Sequence[Mapping[str, Any]], before: Mapping[str, Any]) -> Dict[str, List[str]]:
@@ -329,7 +334,7 @@ def check_arrived(folder: Path, *, checksums: bool = True) -> Dict[str, Any]:
             raise TransferError(f"{folder / PARTS}: names a file that is none of this part, {entry['file']!r}")
         wrong = _difference(path, entry, checksums=checksums)
         if wrong and checksums and path.is_file():
-            path.replace(_aside(path))
+            path.replace(aside(path))
             wrong += ", and was put aside"
         if wrong:
             raise TransferError(f"{path}: {wrong}; {unchanged}{remedy}")
@@ -344,12 +349,6 @@ def _difference(path: Path, entry: Mapping[str, Any], *, checksums: bool) -> str
     if not checksums:
         return "" if size == listed else f"has {size} bytes and not {listed}, as its list says"
     return "" if is_as_listed(path, entry) else "is not what was sent"
-
-
-def _aside(path: Path) -> Path:
-    """Return a hidden name for a file that nothing has."""
-    names = (path.with_name(f".{path.name}.bad{number if number > 1 else ''}") for number in count(1))
-    return next(each for each in names if not each.exists())
 
 
 class _Meter:

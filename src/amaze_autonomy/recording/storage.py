@@ -14,8 +14,9 @@ import json
 import logging
 import re
 import shutil
+from itertools import count
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Sequence
+from typing import Any, Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.config.schemas.recording import Storage, TopicGroup
 from amaze_autonomy.units import GB, MB
@@ -76,6 +77,12 @@ def is_as_listed(path: Path, entry: Mapping[str, Any]) -> bool:
     return path.is_file() and path.stat().st_size == entry.get("bytes") and sha256_of(path) == entry.get("sha256")
 
 
+def aside(path: Path) -> Path:
+    """Return a hidden name for a file that nothing has."""
+    names = (path.with_name(f".{path.name}.bad{number if number > 1 else ''}") for number in count(1))
+    return next(each for each in names if not each.exists())
+
+
 def space_of(folder: Path) -> Optional[Space]:
     """Return the space of the storage that a folder lies on, or will lie on; None when nobody can say."""
     while not folder.exists() and folder != folder.parent:
@@ -85,6 +92,70 @@ def space_of(folder: Path) -> Optional[Space]:
     except OSError:
         return None
     return Space(usage.free, usage.free / usage.total if usage.total else 0.0)
+
+
+# --- a part that is fetched again -------------------------------------------------------------------------------------
+# Where it lies it may have gone bad since it came: changed, cut, or gone. What is whole here stays, and is used.
+
+
+_SUFFIX = re.compile(r"(\.recovered)?\.bag(\.active)?$")
+
+
+def joined(folder: Path, sent: Mapping[str, Any]) -> Tuple[Dict[str, Any], FrozenSet[str]]:
+    """Return the list of a part that is fetched again, and the files that it has of the list before.
+
+    Those came whole, and their platform has them no more as they were. Who lists a part tells what its files lack: of
+    files that are here after all, too much may be told, and never too little.
+
+    Args:
+        folder: of the part here, with the list of what came before.
+        sent: the list as its platform has it now.
+    """
+    before = read_parts(folder) or {"files": []}
+    kept: Dict[str, Mapping[str, Any]] = {}
+    entries: List[Mapping[str, Any]] = []
+    for entry in sent["files"]:
+        was = _came_whole(folder, entry, before)
+        if was is not None:
+            kept[str(was["file"])] = was
+        entries.append(was or entry)
+    recorded = {_SUFFIX.sub("", str(each["file"])) for each in sent["files"]}
+    gone = [each for each in before["files"] if _SUFFIX.sub("", str(each["file"])) not in recorded]
+    kept.update({str(each["file"]): each for each in gone if is_as_listed(folder / str(each["file"]), each)})
+    if not kept:
+        return dict(sent), frozenset()
+    entries += [each for each in gone if str(each["file"]) in kept]
+    entries.sort(key=lambda each: str(each["file"]))
+    if _same_files(entries, before["files"]) and all(before.get(key) == sent.get(key) for key in ("seen", "dropped")):
+        return before, frozenset(kept)  # nothing was recorded since: it lacks what it lacked then
+    missing = {
+        topic: max(each.get("missing", {}).get(topic, 0) for each in (before, sent))
+        for topic in {**before.get("missing", {}), **sent.get("missing", {})}
+    }
+    content = {**sent, "files": entries, "missing": missing}
+    content["gone"] = [name for name in sent.get("gone", ()) if name not in kept]
+    return content, frozenset(kept)
+
+
+def _same_files(one: Sequence[Mapping[str, Any]], other: Sequence[Mapping[str, Any]]) -> bool:
+    names = [sorted((str(each["file"]), str(each.get("sha256"))) for each in entries) for entries in (one, other)]
+    return names[0] == names[1]
+
+
+def _came_whole(folder: Path, entry: Mapping[str, Any], before: Mapping[str, Any]) -> Optional[Mapping[str, Any]]:
+    """Return what to list for an entry whose file is not what was listed first: what came before it, if it is here."""
+    firsts = ((entry.get("recovered_from"), entry.get("listed_as")), (entry["file"], entry.get("changed")))
+    for name, first in firsts:
+        if not name or not first or entry.get("sha256") == first:
+            continue
+        for was in before["files"]:
+            same = was["file"] == name and first in (was.get("sha256"), was.get("changed"))
+            if same and is_as_listed(folder / str(name), was):
+                return dict(was)
+        path = folder / str(name)
+        if path.is_file() and sha256_of(path) == first:  # the list before is gone: what it lacked nobody knows
+            return {"file": name, "bytes": path.stat().st_size, "sha256": first, "lost": None}
+    return None
 
 
 # --- space ------------------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ that it does not die with the node: a node that was killed is started again, and
 from __future__ import annotations
 
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -15,12 +16,13 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
-from tempfile import NamedTemporaryFile
+from tempfile import NamedTemporaryFile, TemporaryDirectory
 from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
 
 import roslib.packages
 
 from amaze_autonomy.config.schemas.recording import Storage, TopicGroup, Transfer
+from amaze_autonomy.recording.errors import RecordingError
 from amaze_autonomy.recording.programs import (
     LogState,
     bag_name,
@@ -36,7 +38,7 @@ from amaze_autonomy.recording.programs import (
     transfer_command,
 )
 from amaze_autonomy.recording.status import GroupStatus, ProcessStatus
-from amaze_autonomy.recording.storage import PARTS, is_as_listed, read_parts
+from amaze_autonomy.recording.storage import PARTS, aside, is_as_listed, joined, read_parts, write_json
 from amaze_autonomy.ros.clock import MonotonicClock, Periodic
 from amaze_autonomy.ros.liveness import LocalProcess
 from amaze_autonomy.whole_file import sync_folder
@@ -333,6 +335,7 @@ def _sync_file(path: Path) -> None:
 # The processes that work on a recorder's files: jobs on bags, and rsync. None of them outlives the node for long.
 
 
+_log = logging.getLogger(__name__)
 _LAST_WORDS = 400
 Progress = Callable[[Mapping[str, Any]], None]
 Ended = Callable[[Mapping[str, Any]], None]
@@ -430,6 +433,8 @@ class RecorderJobs:
             return self._fetched(fetch)
         except OSError as error:
             return f"{target}: {error.strerror}"
+        except RecordingError as error:
+            return str(error)
         finally:
             self.stop_fetch(target, fetch)
 
@@ -451,21 +456,32 @@ class RecorderJobs:
         if fetch.transfer.by == "shared" and not Path(source).is_dir():
             return f"{source} is not there: is the other platform's storage mounted?"
         fetch.target.mkdir(parents=True, exist_ok=True)
-        problem = self._rsync(fetch, [PARTS])
+        with TemporaryDirectory(prefix="amaze-list-") as folder:  # the list here says what came whole before
+            problem = self._rsync(fetch, [PARTS], Path(folder))
+            sent = None if problem else read_parts(Path(folder))
         if problem:
             return problem
-        content = read_parts(fetch.target)
-        if content is None:
+        if sent is None:
             return f"{fetch.location}/{PARTS} is no list of a part; retry, and its platform lists anew what is there"
         # what is whole here stays as it is: where it came from it may have gone bad since
-        bags = [each["file"] for each in content["files"] if not is_as_listed(fetch.target / each["file"], each)]
-        return self._rsync(fetch, [*bags, *content.get("logs", [])])
+        content, kept = joined(fetch.target, sent)
+        rest = {str(each["file"]): each for each in content["files"] if each["file"] not in kept}
+        bags = [name for name, entry in rest.items() if not is_as_listed(fetch.target / name, entry)]
+        if fetch.over:
+            raise OSError(0, "it was given up")
+        for name in sorted(kept):
+            _log.warning("%s/%s is not there as it was listed; it came whole before, and is used", fetch.location, name)
+        for path in (fetch.target / name for name in bags):
+            if path.parent == fetch.target and path.is_file():  # nobody knows what it has more than what comes now
+                path.replace(aside(path))
+        write_json(fetch.target / PARTS, content)
+        return self._rsync(fetch, [*bags, *content.get("logs", [])], fetch.target)
 
-    def _rsync(self, fetch: _Fetch, names: Sequence[str]) -> str:
+    def _rsync(self, fetch: _Fetch, names: Sequence[str], target: Path) -> str:
         with NamedTemporaryFile("w", encoding="utf-8", prefix="amaze-wanted-") as listing:  # each fetch has its own
             listing.write("".join(f"{name}\n" for name in names))
             listing.flush()
-            command = transfer_command(fetch.transfer, fetch.location, fetch.target, Path(listing.name))
+            command = transfer_command(fetch.transfer, fetch.location, target, Path(listing.name))
             process = self._start(command, fetch, stderr=subprocess.PIPE)
             last = _Tail(process.stderr)
             while True:
