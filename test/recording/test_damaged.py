@@ -4,17 +4,20 @@ import json
 import shutil
 
 import pytest
-from bag_tools import bag, contents, digest, every_kill, rows, unclosed
+from bag_tools import MS, bag, contents, digest, every_kill, rows, unclosed
 from part_tools import FACTS, killed, part, plan, small_storage, two_platforms
+from replay_bags import START_NS
 from test_header_numbers import inertial, numbered
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.recording import job, parts
-from amaze_autonomy.recording.job import collect
-from amaze_autonomy.recording.losses import header_numbers
+from amaze_autonomy.recording.job import Plan, Source, collect
+from amaze_autonomy.recording.losses import Loss, Wanted, header_numbers, losses
 from amaze_autonomy.recording.parts import close_parts, whole_bags
 from amaze_autonomy.recording.storage import PARTS
+
+S = 1_000_000_000
 
 
 def damage_data(path, number=1):
@@ -137,6 +140,113 @@ def test_an_open_bag_that_is_damaged_in_the_middle_tells_that_and_its_end(tmp_pa
     told = [each for each in summary.lost if "states-02" in each]
     assert told == [f"main/states-02.bag: {299 - whole} messages"]
     assert summary.messages == 900 + whole + 30
+
+
+# --- an open file that lacks something before its end -----------------------------------------------------------------
+
+
+def several_chunks(index):
+    """Return where pages of several chunks were never written."""
+    return index.chunks[5].position, index.chunks[9].position
+
+
+def in_the_last_chunk(index):
+    data = index.head(len(index.chunks) - 1).data
+    assert index.chunks[-1].messages > 10
+    return data + 500, data + 800
+
+
+def head_of_the_last_chunk(index):
+    """Return where the header of the chunk that was being written is, with its first messages."""
+    return index.chunks[-1].position, index.head(len(index.chunks) - 1).data + 300
+
+
+INSIDE = (several_chunks, in_the_last_chunk, head_of_the_last_chunk)
+
+
+def left_open(folder, place=None, cut=None, compression="none"):
+    """Leave a bag of 3 s of topics without numbers that was being written, with zeros somewhere; return its end."""
+    folder.mkdir(parents=True, exist_ok=True)
+    whole = bag(folder.parent / "whole.bag", rows("/a", 300), compression=compression)
+    path = unclosed(whole, folder / "states-01.bag.active", cut)
+    if place is not None:
+        with Index(whole) as index:
+            begin, end = place(index)
+        write_at(path, begin, bytes(end - begin))
+    return START_NS + 2990 * MS
+
+
+def told(content, end_ns, *flight):
+    return [each for each in losses(content, Wanted(end_ns, [flight])) if "states-01" in each.words]
+
+
+UNKNOWN = Loss("states-01.bag: an unknown number of messages")
+
+
+@pytest.mark.parametrize("place", INSIDE)
+@pytest.mark.parametrize("stopped_ms", [50, 5000])
+def test_what_an_open_file_lacks_in_the_middle_is_told_and_counts_whenever_it_was_stopped(tmp_path, place, stopped_ms):
+    folder = tmp_path / "main"
+    end_ns = left_open(folder, place)
+    for _ in range(2):
+        content = close_parts(folder, FACTS)
+        (entry,) = content["files"]
+        assert (entry["file"], entry["lost"], entry["lost_inside"]) == ("states-01.bag", None, None)
+        assert told(content, end_ns + stopped_ms * MS, START_NS, end_ns) == [UNKNOWN]
+
+
+@pytest.mark.parametrize("place", INSIDE)
+def test_so_it_is_when_a_gap_outside_of_the_flight_follows(tmp_path, place):
+    end_ns = left_open(tmp_path / "main", place)
+    bag(tmp_path / "main" / "states-02.bag", rows("/a", 30, first_ms=9000))
+    content = close_parts(tmp_path / "main", FACTS)
+    assert told(content, START_NS + 10 * S, START_NS, end_ns - 500 * MS) == [UNKNOWN]
+
+
+@pytest.mark.parametrize("place", INSIDE)
+def test_so_it_is_when_it_has_to_be_recovered_beside_it_or_on_the_collector(tmp_path, monkeypatch, place):
+    folder = tmp_path / "main"
+    end_ns = left_open(folder, place)
+    monkeypatch.setattr(parts, "recover_in_place", refused)
+    with monkeypatch.context() as patched:
+        patched.setattr(parts, "recover", refused)
+        close_parts(folder, FACTS)
+    facts = {"stopped_ns": end_ns + 50 * MS, "flights": [[START_NS, end_ns]]}
+    session_plan = Plan(tmp_path / "s1_m.bag", (Source("main", folder),), facts=facts)
+    words = ("main/states-01.bag.active: an unknown number of messages",)
+    assert [collect(session_plan).lost_in_flight for _ in range(2)] == [words, words]
+    for _ in range(2):
+        content = close_parts(folder, FACTS)
+        assert told(content, end_ns + 50 * MS, START_NS, end_ns) == [
+            Loss("states-01.recovered.bag: an unknown number of messages")
+        ]
+
+
+@pytest.mark.parametrize("compression", ["none", "lz4"])
+def test_what_only_the_end_of_an_open_file_lacks_is_told_once(tmp_path, compression):
+    end_ns = left_open(tmp_path / "main", cut=30, compression=compression)
+    content = close_parts(tmp_path / "main", FACTS)
+    (entry,) = content["files"]
+    assert (entry["lost"], "lost_inside" in entry) == (None, False)
+    lost_s = (end_ns + S - content["open_ends"]["states"]) / S
+    words = f"states: up to {lost_s:.1f} s at the end (its last file was not closed)"
+    assert [each.words for each in losses(content, Wanted(end_ns + S))] == [words]
+    assert told(content, end_ns - S, START_NS, end_ns) == [], "it came after the stop"
+
+
+def test_a_message_that_was_cut_just_before_the_stop_is_no_nothing(tmp_path):
+    end_ns = left_open(tmp_path / "main", cut=30)
+    content = close_parts(tmp_path / "main", FACTS)
+    assert told(content, end_ns + 50 * MS, START_NS, end_ns + 50 * MS) == [UNKNOWN]
+    assert told(content, end_ns + 50 * MS, START_NS, end_ns - S) == [UNKNOWN._replace(counts=False)]
+
+
+def test_a_number_that_is_known_of_the_middle_is_the_least_and_counts():
+    gap = {"group": "states", "file": 2, "seconds": 1.0, "ending": "killed", "from_ns": 20 * S, "to_ns": 21 * S}
+    entry = {"file": "states-01.bag", "recovered_from": "states-01.bag.active", "lost_inside": 4}
+    for lost, words in ((None, "at least 4 messages"), (6, "6 messages")):
+        content = {"files": [{**entry, "lost": lost}], "gaps": [gap]}
+        assert told(content, 30 * S, 2 * S, 3 * S) == [Loss(f"states-01.bag: {words}")]
 
 
 # --- files of which nothing can be read -------------------------------------------------------------------------------

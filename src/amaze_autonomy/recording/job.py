@@ -310,7 +310,7 @@ def _told(entry: Mapping[str, Any], part: Optional[Part]) -> List[Mapping[str, A
     if part is None:
         return [{"file": file, "lost": None, "unreadable": True}] if entry["bytes"] else []
     if entry.get("open"):
-        return [{**entry, "lost": part.lost}]
+        return [{**entry, **part.losses}]
     return [entry] if part.path.name == file else [entry, {"file": file, "lost": part.lost}]
 
 

@@ -378,24 +378,42 @@ def _until(gap: Mapping[str, Any], end_ns: Optional[int]) -> Optional[Mapping[st
 
 
 def _of_files(content: Mapping[str, Any], gaps: Sequence[Mapping[str, Any]], wanted: Wanted) -> List[Loss]:
-    """Return what files lack; of one that was left open, what its end lacks lies in the gap that follows it."""
+    """Return what files lack; of one that was left open, what its end lacks lies in the gap that follows it.
+
+    What it lacks before that may lie anywhere in it, so it counts whenever the gap is.
+    """
     after = {(str(gap["group"]), int(gap["file"]) - 1): gap for gap in gaps if not gap.get("inside")}
     found: List[Loss] = []
     for entry in content["files"]:
-        lost, file = entry.get("lost", 0), written(str(entry.get("recovered_from", "")))
+        lost, inside = entry.get("lost", 0), entry.get("lost_inside", 0)
+        file = written(str(entry.get("recovered_from", "")))
         left_open = file is not None and not file.closed
         group, number = (file.group, file.number) if file is not None else ("", 0)
         gap = after.get((group, number)) if left_open else None
-        ends = left_open and wanted.end_ns is not None and group in content.get("open_ends", {})
+        last_ns = content.get("open_ends", {}).get(group) if left_open else None
         changed = ", it has changed since it was listed" if entry.get("changed") else ""
-        if lost == 0 or (lost is None and not changed and (gap is not None or ends)):
+        if lost == 0:
             continue
-        counts = wanted.counts(group, *((gap.get("from_ns"), gap.get("to_ns")) if gap is not None else (None, None)))
+        times: Tuple[Optional[int], Optional[int]] = (None, None)
+        if inside == 0 and not changed:
+            if lost is None and (gap is not None or _is_end_told(last_ns, wanted.end_ns)):
+                continue
+            if gap is not None:
+                times = gap.get("from_ns"), gap.get("to_ns")
+            elif lost is None and last_ns is not None:
+                times = last_ns, wanted.end_ns
+        counts = wanted.counts(group, *times)
         how_many = "an unknown number of messages" if lost is None else f"{lost:,} messages"
+        how_many = f"at least {inside:,} messages" if lost is None and inside else how_many
         what = "nothing of it can be read" if entry.get("unreadable") else how_many
         found.append(Loss(f"{entry['file']}: {what}{changed}", counts))
     gone = content.get("gone", ())
     return found + [Loss(f"{name}: all of it, it was listed and is not there any more") for name in gone]
+
+
+def _is_end_told(last_ns: Optional[int], end_ns: Optional[int]) -> bool:
+    """Return whether what the end of an open file lacks is told as such, or came after the stop."""
+    return last_ns is not None and end_ns is not None and not 0 < end_ns - last_ns < _LEAST_NS
 
 
 def _of_gaps(gaps: Sequence[Mapping[str, Any]], wanted: Wanted) -> List[Loss]:

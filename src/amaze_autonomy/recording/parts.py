@@ -30,11 +30,24 @@ Progress = Callable[[int, int], None]
 
 
 class Part(NamedTuple):
-    """A bag that is whole: where it lies, how many messages were lost by damage (None: nobody knows), of which file."""
+    """A bag that is whole: where it lies, how many messages were lost by damage (None: nobody knows), of which file.
+
+    `lost_inside` are those of them that were not lost at its end.
+    """
 
     path: Path
     lost: Optional[int]
     file: str
+    lost_inside: Optional[int] = 0
+
+    @property
+    def losses(self) -> Dict[str, Optional[int]]:
+        """Return what the list of its part says of what was lost."""
+        return {"lost": self.lost, **_inside(self.lost_inside)}
+
+
+def _inside(lost: Optional[int]) -> Dict[str, Optional[int]]:
+    return {} if lost == 0 else {"lost_inside": lost}
 
 
 def open_bags(folder: Path) -> List[Path]:
@@ -118,16 +131,18 @@ def _recovered(path: Path, output: Path, *, check_data: bool, progress: Optional
     output.parent.mkdir(parents=True, exist_ok=True)
     _note(output).unlink(missing_ok=True)
     done = recover(path, output, check_data=check_data, replace=True, progress=progress)
-    lost = done.scan.lost
-    write_json(_note(output), {"file": path.name, "bytes": done.scan.size, "lost": lost, "checked": check_data})
-    return Part(output, lost, path.name)
+    part = Part(output, done.scan.lost, path.name, done.scan.lost_inside)
+    write_json(_note(output), {"file": path.name, "bytes": done.scan.size, **part.losses, "checked": check_data})
+    return part
 
 
 def _recovered_before(path: Path, output: Path) -> Optional[Part]:
     """Return what was recovered from a file before; None where that is not written down, or it is another file now."""
     note = read_json(_note(output)) or {}
     same = (note.get("file"), note.get("bytes")) == (path.name, path.stat().st_size)
-    return Part(output, note.get("lost"), path.name) if same and "lost" in note and _is_good(output) else None
+    if not same or "lost" not in note or not _is_good(output):
+        return None
+    return Part(output, note["lost"], path.name, note.get("lost_inside", 0))
 
 
 def _is_good(path: Path) -> bool:
@@ -198,7 +213,8 @@ def _compared(entry: Dict[str, Any], before: Mapping[str, Any], *, anew: bool) -
     if was is None or entry.get("open"):
         return entry
     if (was["file"], was.get("sha256")) == (entry["file"], entry["sha256"]):
-        return {**entry, **{key: was[key] for key in ("lost", "changed", "listed_as") if key in was}}
+        now = {key: value for key, value in entry.items() if key != "lost_inside"}
+        return {**now, **{key: was[key] for key in ("lost", "lost_inside", "changed", "listed_as") if key in was}}
     if not anew:
         return entry
     if was["file"] == entry["file"]:
@@ -269,7 +285,7 @@ def _listed(folder: Path, path: Path) -> List[Dict[str, Any]]:
         return [{**_entry(path), "open": True, "lost": None, "problem": str(error)}]
     if part is None:
         return []
-    entry = {**_entry(part.path), "lost": part.lost}
+    entry = {**_entry(part.path), **part.losses}
     return [entry] if part.path == path else [{**entry, "recovered_from": path.name}]
 
 
@@ -296,8 +312,8 @@ def _before(path: Path) -> Dict[str, Any]:
     try:
         was = read_undo(undo)
     except BagError:
-        return {"recovered_from": f"{path.name}.active", "lost": None}
-    return {"recovered_from": was.name, "lost": was.lost, "undo": undo.name}
+        return {"recovered_from": f"{path.name}.active", "lost": None, "lost_inside": None}
+    return {"recovered_from": was.name, "lost": was.lost, **_inside(was.lost_inside), "undo": undo.name}
 
 
 def _entry(path: Path) -> Dict[str, Any]:

@@ -235,7 +235,7 @@ def _change(path: Path, final: Path, found: Scan, place: int) -> int:
         raise BagError(str(path), f"cannot be written ({error.strerror})", _COPY) from error
     try:
         end, header = _new_end(file, found, place)
-        write_undo(final, Undo.of(file, path.name, place)._replace(lost=found.lost))
+        write_undo(final, Undo.of(file, path.name, place)._replace(lost=found.lost, lost_inside=found.lost_inside))
         _put(file, place, end)
         os.ftruncate(file, place + len(end))
         os.fsync(file)
@@ -330,6 +330,7 @@ class Undo(NamedTuple):
         head: its first bytes.
         end: all from that place on.
         lost: messages that the recovery could not keep; None when nobody knows how many.
+        lost_inside: those of them that were not lost at the end; likewise.
     """
 
     name: str
@@ -339,6 +340,7 @@ class Undo(NamedTuple):
     head: bytes
     end: bytes
     lost: Optional[int] = None
+    lost_inside: Optional[int] = 0
 
     @classmethod
     def of(cls, file: int, name: str, place: int) -> Undo:
@@ -383,6 +385,7 @@ def write_undo(bag: Path, undo: Undo) -> None:
     """Put an undo file on the disk: whole, or not there."""
     path = undo_path(bag)
     facts = {"file": undo.name, "size": undo.size, "place": undo.place, "before": undo.before, "lost": undo.lost}
+    facts["lost_inside"] = undo.lost_inside
     text = json.dumps({**facts, "crc": zlib.crc32(undo.end, zlib.crc32(undo.head))}).encode()
     write_whole(path, [_MAGIC, _LENGTH.pack(len(text)), text, undo.head, undo.end])
 
@@ -407,6 +410,7 @@ def read_undo(path: Path) -> Undo:
             raw[start + length : begin],
             raw[begin:],
             facts.get("lost"),
+            facts.get("lost_inside", 0),  # one that an earlier version wrote says nothing of it
         )
         good = raw.startswith(_MAGIC) and zlib.crc32(undo.end, zlib.crc32(undo.head)) == facts["crc"]
         good = good and len(undo.end) == undo.size - undo.place and Path(undo.name).name == undo.name != ""

@@ -130,6 +130,13 @@ class Scan(NamedTuple):
         known = [damage.lost for damage in self.damages]
         return None if None in known else sum(lost for lost in known if lost)
 
+    @property
+    def lost_inside(self) -> Optional[int]:
+        """Count those of them that are not lost at the end, behind all that is kept; None when nobody knows."""
+        last = max((chunk.position for chunk in self.chunks), default=-1)
+        inside = [each for each in self.damages if each.offset <= last or each.offset + each.size < self.size]
+        return self._replace(damages=inside).lost
+
 
 def scan(path: Path, *, check_data: bool = True, memory: int = MEMORY, progress: Optional[Progress] = None) -> Scan:
     """Look through a file.
@@ -617,6 +624,9 @@ class _Scanner:
         if stop < self._size or entries.parts or not whole or kept.gaps:
             plain = head.compression == "none" and kept.gaps and not entries.parts
             begin = head.data + kept.gaps[0][0] if plain else position
+            if stop == self._size:  # where something is kept behind it, it is not the end that is damaged
+                behind = kept.gaps and kept.rows and kept.rows[-1][2] > kept.gaps[0][0]
+                begin = position if behind else max(begin, head.data)
             self._damage(begin, stop, "a chunk is not whole", self._lost(position, entries, kept, whole=whole))
         return entries.end
 
