@@ -300,6 +300,59 @@ def full(_, output, **__):
     raise BagError(str(output), "there is no space for it", "make space and try again, nothing was changed")
 
 
+# --- undo files that are damaged --------------------------------------------------------------------------------------
+
+
+UNDOS = (b"x", b"#AMAZE BAG UNDO 1\n" + bytes(100))
+
+
+@pytest.mark.parametrize("undo", UNDOS)
+def test_a_damaged_undo_file_beside_an_open_bag_is_told_and_the_bag_is_copied(session, undo):
+    """A recovery was killed, and then the disk lost a block: whether the bag was half changed nobody knows."""
+    path = killed(session / "main", "states-02.bag.active", rows("/a", 100, first_ms=9000))
+    (session / "main" / "states-02.bag.undo").write_bytes(undo)
+    before = digest(path)
+    for _ in range(2):
+        content = close_parts(session / "main", FACTS)
+        (entry,) = [each for each in content["files"] if "states-02" in each["file"]]
+        assert (entry["file"], entry["recovered_from"]) == ("states-02.recovered.bag", "states-02.bag.active")
+        assert entry["messages"] == 100
+    words = "main/states-02.recovered.bag: an unknown number of messages, states-02.bag.undo is damaged"
+    summary = collect(plan(session))
+    assert (summary.messages, [each for each in summary.lost_in_flight if "states-02" in each]) == (1000, [words])
+    assert (digest(path), (session / "main" / "states-02.bag.undo").read_bytes()) == (before, undo)
+
+
+def test_so_it_is_on_the_collector_when_its_platform_could_not_copy_it(session, monkeypatch):
+    killed(session / "main", "states-02.bag.active", rows("/a", 100, first_ms=9000))
+    (session / "main" / "states-02.bag.undo").write_bytes(b"x")
+    with monkeypatch.context() as patched:
+        patched.setattr(parts, "recover", full)
+        close_parts(session / "main", FACTS)
+        with pytest.raises(BagError, match="there is no space for it"):
+            collect(plan(session))
+    words = ("main/states-02.bag.active: an unknown number of messages, states-02.bag.undo is damaged",)
+    assert [collect(plan(session)).lost for _ in range(2)] == [words, words]
+
+
+def test_a_bag_of_which_nothing_can_be_read_beside_a_damaged_undo_file_is_told(session):
+    (session / "main" / "states-02.bag.active").write_bytes(bytes(8192))
+    (session / "main" / "states-02.bag.undo").write_bytes(b"x")
+    close_parts(session / "main", FACTS)
+    assert collect(plan(session)).lost == ("main/states-02.bag.active: nothing of it can be read",)
+
+
+def test_damaged_data_of_a_bag_that_was_closed_in_place_is_recovered_whatever_its_undo_file_is(session):
+    killed(session / "main", "states-02.bag.active", rows("/a", 100, first_ms=9000))
+    close_parts(session / "main", FACTS)
+    damage_data(session / "main" / "states-02.bag")
+    (session / "main" / "states-02.bag.undo").write_bytes(b"x")
+    summary = collect(plan(session))
+    words = "main/states-02.bag: an unknown number of messages, states-02.bag.undo is damaged"
+    assert words in summary.lost_in_flight
+    assert 950 < summary.messages < 1000
+
+
 # --- what was lost is known although a merge was killed ---------------------------------------------------------------
 
 

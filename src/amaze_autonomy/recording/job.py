@@ -311,7 +311,7 @@ def _told(entry: Mapping[str, Any], part: Optional[Part]) -> List[Mapping[str, A
         return [{"file": file, "lost": None, "unreadable": True}] if entry["bytes"] else []
     if entry.get("open"):
         return [{**entry, **part.losses}]
-    return [entry] if part.path.name == file else [entry, {"file": file, "lost": part.lost}]
+    return [entry] if part.path.name == file else [entry, {"file": file, **part.losses}]
 
 
 def _usable_manifest(plan: Plan, inputs: _Inputs) -> Optional[Dict[str, Any]]:

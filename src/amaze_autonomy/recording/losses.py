@@ -392,6 +392,7 @@ def _of_files(content: Mapping[str, Any], gaps: Sequence[Mapping[str, Any]], wan
         gap = after.get((group, number)) if left_open else None
         last_ns = content.get("open_ends", {}).get(group) if left_open else None
         changed = ", it has changed since it was listed" if entry.get("changed") else ""
+        changed += f", {entry['undo_damaged']} is damaged" if entry.get("undo_damaged") else ""
         if lost == 0:
             continue
         times: Tuple[Optional[int], Optional[int]] = (None, None)

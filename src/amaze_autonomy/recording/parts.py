@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import os
 import struct
-from contextlib import suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set
+from tempfile import TemporaryDirectory
+from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set
 
 from amaze_autonomy.bags.errors import BagError, RecordError
 from amaze_autonomy.bags.index import Index
@@ -32,18 +33,21 @@ Progress = Callable[[int, int], None]
 class Part(NamedTuple):
     """A bag that is whole: where it lies, how many messages were lost by damage (None: nobody knows), of which file.
 
-    `lost_inside` are those of them that were not lost at its end.
+    `lost_inside` are those of them that were not lost at its end. `undo_damaged` is the name of an undo file that
+    nobody can read: the file may have been half changed when it was copied.
     """
 
     path: Path
     lost: Optional[int]
     file: str
     lost_inside: Optional[int] = 0
+    undo_damaged: str = ""
 
     @property
-    def losses(self) -> Dict[str, Optional[int]]:
+    def losses(self) -> Dict[str, Any]:
         """Return what the list of its part says of what was lost."""
-        return {"lost": self.lost, **_inside(self.lost_inside)}
+        undo = {"undo_damaged": self.undo_damaged} if self.undo_damaged else {}
+        return {"lost": self.lost, **_inside(self.lost_inside), **undo}
 
 
 def _inside(lost: Optional[int]) -> Dict[str, Optional[int]]:
@@ -130,10 +134,39 @@ def _recovered(path: Path, output: Path, *, check_data: bool, progress: Optional
     """Recover a bag, and write down what was lost: who comes after a kill must not have to guess."""
     output.parent.mkdir(parents=True, exist_ok=True)
     _note(output).unlink(missing_ok=True)
-    done = recover(path, output, check_data=check_data, replace=True, progress=progress)
+    undo = _damaged_undo(path)
+    with _without_undo(path) if undo else nullcontext(path) as source:
+        done = recover(source, output, check_data=check_data, replace=True, progress=progress)
     part = Part(output, done.scan.lost, path.name, done.scan.lost_inside)
+    if undo:
+        part = part._replace(lost=None, lost_inside=None, undo_damaged=undo)
     write_json(_note(output), {"file": path.name, "bytes": done.scan.size, **part.losses, "checked": check_data})
     return part
+
+
+def _damaged_undo(path: Path) -> str:
+    """Return the name of a bag's undo file that nobody can read; an empty text when it is good, or there is none."""
+    undo = undo_path(path)
+    try:
+        if undo.exists():
+            read_undo(undo)
+    except BagError:
+        return undo.name
+    return ""
+
+
+@contextmanager
+def _without_undo(path: Path) -> Iterator[Path]:
+    """Give a path of a bag beside which there is no undo file, so that it can be copied as it is."""
+    with TemporaryDirectory(prefix="amaze-copied-") as folder:
+        link = Path(folder) / path.name
+        link.symlink_to(path.resolve())
+        try:
+            yield link
+        except BagError as error:
+            if error.path != str(link):
+                raise
+            raise BagError(str(path), error.wrong, error.remedy) from error.__cause__
 
 
 def _recovered_before(path: Path, output: Path) -> Optional[Part]:
@@ -142,7 +175,7 @@ def _recovered_before(path: Path, output: Path) -> Optional[Part]:
     same = (note.get("file"), note.get("bytes")) == (path.name, path.stat().st_size)
     if not same or "lost" not in note or not _is_good(output):
         return None
-    return Part(output, note["lost"], path.name, note.get("lost_inside", 0))
+    return Part(output, note["lost"], path.name, note.get("lost_inside", 0), note.get("undo_damaged", ""))
 
 
 def _is_good(path: Path) -> bool:
@@ -202,6 +235,9 @@ def _put_on_disk(folder: Path, entries: Sequence[Mapping[str, Any]]) -> None:
     sync_folder(folder)
 
 
+_KNOWN = ("lost", "lost_inside", "undo_damaged", "changed", "listed_as")  # of a file, from when it was listed before
+
+
 def _compared(entry: Dict[str, Any], before: Mapping[str, Any], *, anew: bool) -> Dict[str, Any]:
     """Return an entry with what is known of it since it was listed before; `anew`: it should be as it was then.
 
@@ -213,8 +249,8 @@ def _compared(entry: Dict[str, Any], before: Mapping[str, Any], *, anew: bool) -
     if was is None or entry.get("open"):
         return entry
     if (was["file"], was.get("sha256")) == (entry["file"], entry["sha256"]):
-        now = {key: value for key, value in entry.items() if key != "lost_inside"}
-        return {**now, **{key: was[key] for key in ("lost", "lost_inside", "changed", "listed_as") if key in was}}
+        now = {key: value for key, value in entry.items() if key not in _KNOWN}
+        return {**now, **{key: was[key] for key in _KNOWN if key in was}}
     if not anew:
         return entry
     if was["file"] == entry["file"]:
@@ -312,7 +348,8 @@ def _before(path: Path) -> Dict[str, Any]:
     try:
         was = read_undo(undo)
     except BagError:
-        return {"recovered_from": f"{path.name}.active", "lost": None, "lost_inside": None}
+        was_active = f"{path.name}.active"
+        return {"recovered_from": was_active, "lost": None, "lost_inside": None, "undo_damaged": undo.name}
     return {"recovered_from": was.name, "lost": was.lost, **_inside(was.lost_inside), "undo": undo.name}
 
 
