@@ -268,13 +268,27 @@ def test_a_bag_that_is_shorter_than_it_was_listed_has_lost_what_it_had_more(tmp_
 
 
 def test_a_bag_that_was_listed_and_is_gone_is_a_loss_when_the_part_is_listed_anew(tmp_path):
-    """But not when the session is recorded again: parts that are verified may be removed before."""
+    """It stays known when the session is recorded again."""
+    gone = "states-02.bag: all of it, it was listed and is not there any more"
     bags = [(f"states-0{number}.bag", [rows("/a", 20, first_ms=number * 200)]) for number in (1, 2)]
     folder = part(tmp_path / "main", *bags)
     (folder / "states-02.bag").unlink()
     for _ in range(2):
         content = close_parts(folder, {**FACTS, "anew": True})
-        assert words(content) == ["states-02.bag: all of it, it was listed and is not there any more"]
+        assert words(content) == [gone]
+    bag(folder / "states-03.bag", rows("/a", 20, first_ms=400))
+    for _ in range(2):
+        assert words(close_parts(folder, FACTS))[0] == gone
+    bag(folder / "states-02.bag", rows("/a", 20, first_ms=400))
+    content = close_parts(folder, FACTS)
+    assert ("gone" in content, gone in words(content)) == (False, False), "it is back"
+
+
+def test_a_bag_that_is_gone_when_the_session_is_recorded_again_may_have_been_removed(tmp_path):
+    """Parts that are verified may be."""
+    bags = [(f"states-0{number}.bag", [rows("/a", 20, first_ms=number * 200)]) for number in (1, 2)]
+    folder = part(tmp_path / "main", *bags)
+    (folder / "states-02.bag").unlink()
     assert words(close_parts(folder, FACTS)) == []
 
 

@@ -212,7 +212,7 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
         meter.add(size)
     known = account(files, facts.get("gaps", []))
     logs = sorted(folder.glob("*.log"))
-    gone = _gone(folder, entries, before) if anew else {}
+    gone = _gone(folder, entries, before, anew=anew)
     facts = {key: value for key, value in facts.items() if key != "anew"}
     content = {"parts": 1, **facts, **known._asdict(), **gone, "files": entries, "logs": [path.name for path in logs]}
     content["dropped"] = max(int(facts.get("dropped", 0)), sum(map(_warnings, logs)))
@@ -262,10 +262,16 @@ def _compared(entry: Dict[str, Any], before: Mapping[str, Any], *, anew: bool) -
     return {**entry, "listed_as": listed_as, "lost": None if None in lost else sum(lost)}
 
 
-def _gone(folder: Path, entries: Sequence[Mapping[str, Any]], before: Mapping[str, Any]) -> Dict[str, List[str]]:
-    """Return the names of files that were listed before and are nowhere; nothing when there are none."""
+def _gone(
+    folder: Path, entries: Sequence[Mapping[str, Any]], before: Mapping[str, Any], *, anew: bool
+) -> Dict[str, List[str]]:
+    """Return the names of files that were listed before and are nowhere; nothing when there are none.
+
+    Those of which that was said before stay said. Others may have been removed when they were verified, unless the part
+    is listed anew.
+    """
     here = {name for entry in entries for name in (entry["file"], entry.get("recovered_from"))}
-    names = {*(each["file"] for each in before["files"]), *before.get("gone", ())}
+    names = {*(each["file"] for each in before["files"] if anew), *before.get("gone", ())}
     gone = sorted(name for name in names - here if not (folder / name).exists())
     return {"gone": gone} if gone else {}
 
