@@ -6,8 +6,10 @@ import bz2
 import hashlib
 import os
 import re
+import signal
 import struct
 from collections import Counter
+from contextlib import contextmanager
 from pathlib import Path
 
 from replay_bags import START_NS, make, write_bag
@@ -18,6 +20,7 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.write import Output
 
 MS = 1_000_000
+ENDS_WITHIN_S = 10.0
 COMPRESSIONS = ("none", "lz4", "bz2")
 DATA = Path(os.environ.get("AMAZE_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 
@@ -54,6 +57,22 @@ def multiset(*paths):
 
 def digest(path):
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+@contextmanager
+def ending():
+    """Fail what does not end."""
+
+    def fail(*_):
+        raise AssertionError(f"it has not ended within {ENDS_WITHIN_S} s")
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.setitimer(signal.ITIMER_REAL, ENDS_WITHIN_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def left_over(folder):

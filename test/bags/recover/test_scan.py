@@ -10,7 +10,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, rows
+from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, ending, rows
 
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
@@ -55,9 +55,15 @@ def places(path):
     return sorted(found)
 
 
+def length_byte(messages, chance):
+    """Return where, in the length of a message or of its header, a byte stands that is nearly as small when changed."""
+    begin, end, (_, data) = chance.choice(messages)
+    return chance.choice((begin, end - len(data) - 4)) + chance.randrange(2)
+
+
 def damaged(raw, kind, at, chance):
     """Return a file with damage, and where it begins and ends in the good one."""
-    if kind == "bit":
+    if kind in ("bit", "length"):
         changed = bytes([raw[at] ^ 1 << chance.randrange(8)])
         return raw[:at] + changed + raw[at + 1 :], (at, at + 1)
     if kind == "cut":
@@ -78,7 +84,7 @@ def recovered(tmp_path, source, **options):
     return done, there
 
 
-@pytest.mark.parametrize("kind", DAMAGES)
+@pytest.mark.parametrize("kind", [*DAMAGES, "length"])
 def test_damage_of_a_plain_bag_costs_the_messages_that_it_touches_and_is_counted(tmp_path, kind):
     source = recording(tmp_path / "whole.bag")
     raw, messages, chance = source.read_bytes(), places(source), random.Random(kind)
@@ -86,9 +92,11 @@ def test_damage_of_a_plain_bag_costs_the_messages_that_it_touches_and_is_counted
         first, last = index.chunks[0].position, index.position - PAGE - 1
     broken = tmp_path / "broken.bag"
     for _ in range(25):
-        content, (begin, end) = damaged(raw, kind, chance.randrange(first, last), chance)
+        at = length_byte(messages, chance) if kind == "length" else chance.randrange(first, last)
+        content, (begin, end) = damaged(raw, kind, at, chance)
         broken.write_bytes(content)
-        done, there = recovered(tmp_path, broken)
+        with ending():
+            done, there = recovered(tmp_path, broken)
         untouched = Counter(each for at, until, each in messages if until <= begin - NEAR or end <= at)
         kept = Counter((t_ns, data) for t_ns, _, data in there)
         assert not untouched - kept, (kind, begin)
@@ -117,7 +125,7 @@ def test_damage_of_a_compressed_bag_costs_the_chunks_that_it_touches_and_is_coun
         assert done.scan.lost in (None, len(whole) - len(there)), (kind, begin, done.scan.damages)
 
 
-@pytest.mark.parametrize("kind", ["bit", "zeros", "cut"])
+@pytest.mark.parametrize("kind", ["bit", "zeros", "cut", "length"])
 def test_without_the_index_of_the_bag_nothing_else_is_lost_and_no_number_is_made_up(tmp_path, kind):
     source = recording(tmp_path / "whole.bag", count=400)
     messages, chance = places(source), random.Random(kind)
@@ -126,9 +134,11 @@ def test_without_the_index_of_the_bag_nothing_else_is_lost_and_no_number_is_made
     raw = source.read_bytes()[:end_of_chunks]
     broken = tmp_path / "broken.bag.active"
     for _ in range(15):
-        content, (begin, end) = damaged(raw, kind, chance.randrange(first, end_of_chunks - PAGE), chance)
+        at = length_byte(messages, chance) if kind == "length" else chance.randrange(first, end_of_chunks - PAGE)
+        content, (begin, end) = damaged(raw, kind, at, chance)
         broken.write_bytes(content)
-        done, there = recovered(tmp_path, broken)
+        with ending():
+            done, there = recovered(tmp_path, broken)
         untouched = Counter(each for at, until, each in messages if until <= begin - NEAR or end <= at)
         assert not untouched - Counter((t_ns, data) for t_ns, _, data in there), (kind, begin)
         assert done.scan.lost in (None, len(messages) - len(there)), (kind, begin, done.scan.damages)

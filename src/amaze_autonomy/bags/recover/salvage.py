@@ -186,11 +186,16 @@ class _Salvage:
         self._connections.setdefault(connection.number, connection)
 
     def _next(self, position: int) -> Tuple[int, int]:
-        """Return where, at a place that is no record, nothing good begins, and where it ends; drop what is torn."""
+        """Return where, at a place that is no good record, nothing good begins, and where it ends; drop what is torn.
+
+        It ends behind the place, or a message that was taken is dropped: else the search would not end.
+        """
         last = self._rows[-1][2] if self._ends and self._ends[-1] == position else None
         if last is None:
             return position, self._search(position + 1)
         found = self._search(record_at(self._data, last, self._limit).data)
+        if found == position:  # a message with a wrong length, that the index knows
+            found = self._search(position + 1)
         if found < position or not self._is_whole(last, position, found):
             self._rows.pop()
             self._ends.pop()
