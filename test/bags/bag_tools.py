@@ -75,6 +75,11 @@ def ending():
         signal.signal(signal.SIGALRM, before)
 
 
+def flipped(path, raw, at, bit):
+    """Write a file with one wrong bit."""
+    path.write_bytes(raw[:at] + bytes([raw[at] ^ 1 << bit]) + raw[at + 1 :])
+
+
 def left_over(folder):
     """Return the hidden files of a folder: temporary ones that nobody removed."""
     return sorted(path.name for path in Path(folder).iterdir() if path.name.startswith("."))

@@ -280,12 +280,12 @@ class Index:
         Raises:
             BagError: The index behind a chunk is damaged.
         """
-        filled = [number for number, chunk in enumerate(self.chunks) if chunk.counts]
-        parts = [part for number in filled for part in self._entries(number)]
+        every = list(range(len(self.chunks)))
+        parts = [part for number in every for part in self._entries(number)]
         from .read import repeated  # noqa: PLC0415  (see below)
 
         t_ns, connection, offset = _joined(parts)
-        numbers = repeated(filled, [self.chunks[each].messages for each in filled])
+        numbers = repeated(every, [chunk.messages for chunk in self.chunks])
         return Messages(t_ns, connection, numbers, offset)
 
     def entries(self, number: int) -> Tuple[Any, Any, Any]:
@@ -295,6 +295,16 @@ class Index:
             BagError: The index behind the chunk is damaged.
         """
         return _joined(self._entries(number))
+
+    def check_empty(self) -> None:
+        """Check that chunks that have no message by the bag's index have none by the index behind them either.
+
+        Raises:
+            BagError: One has: who loads only chunks with messages would pass it over.
+        """
+        for number, chunk in enumerate(self.chunks):
+            if not chunk.counts:
+                self._entries(number)
 
     def _entries(self, number: int) -> List[IndexPart]:
         chunk, head = self.chunks[number], self.head(number)
@@ -430,17 +440,21 @@ def index_parts(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) 
             raise RecordError("the index behind it is not what the bag's index says")
         parts.append((connection, view[data : data + INDEX_ENTRY * count]))
         place = data + size
-    if place < limit and _is_index(buffer, place, limit):
+    if place < limit and _has_entries(buffer, place, limit):
         raise RecordError("the index behind it is not what the bag's index says")
     return parts, place
 
 
-def _is_index(buffer: Buffer, place: int, limit: int) -> bool:
-    """Return whether an index record with messages stands at a place."""
+def _has_entries(buffer: Buffer, place: int, limit: int) -> bool:
+    """Return whether an index record with messages stands at a place, or behind empty ones there."""
     try:
-        return index_record_at(buffer, place, limit)[2] > 0
+        while place < limit:
+            _, place, size = index_record_at(buffer, place, limit)
+            if size:
+                return True
     except RecordError:
-        return False
+        pass
+    return False
 
 
 def _joined(parts: List[IndexPart]) -> Tuple[Any, Any, Any]:

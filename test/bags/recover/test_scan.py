@@ -10,7 +10,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, ending, rows
+from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, ending, flipped, rows
 
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
@@ -211,10 +211,6 @@ def usable(path):
             return len(check_index(index).t_ns)
     except BagError:
         return None
-
-
-def flipped(path, raw, at, bit):
-    path.write_bytes(raw[:at] + bytes([raw[at] ^ 1 << bit]) + raw[at + 1 :])
 
 
 @pytest.mark.parametrize("check_data", [True, False])

@@ -147,6 +147,9 @@ class Source:
         unseen: for each connection here, whether the bytes of its messages need not be seen.
         chunk_copies: loads chunks that are to stay compressed; None when none is.
         selection: of its messages; None: all.
+
+    Raises:
+        BagError: The index counts no message in a chunk that has some.
     """
 
     def __init__(
@@ -170,6 +173,7 @@ class Source:
             if chunks[each].counts and (selection is None or selection.touches(chunks[each]))
         ]
         self._next = 0
+        index.check_empty()
 
     @property
     def next_ns(self) -> int:
