@@ -61,17 +61,17 @@ def length_byte(messages, chance):
     return chance.choice((begin, end - len(data) - 4)) + chance.randrange(2)
 
 
-def damaged(raw, kind, at, chance):
+def damaged(raw, kind, at, chance, size=PAGE):
     """Return a file with damage, and where it begins and ends in the good one."""
     if kind in ("bit", "length"):
         changed = bytes([raw[at] ^ 1 << chance.randrange(8)])
         return raw[:at] + changed + raw[at + 1 :], (at, at + 1)
     if kind == "cut":
-        return raw[:at] + raw[at + PAGE :], (at, at + PAGE)
+        return raw[:at] + raw[at + size :], (at, at + size)
     if kind == "inserted":
-        return raw[:at] + bytes(chance.randrange(256) for _ in range(PAGE)) + raw[at:], (at, at + 1)
-    page = bytes(PAGE) if kind == "zeros" else bytes(chance.randrange(256) for _ in range(PAGE))
-    return raw[:at] + page + raw[at + PAGE :], (at, at + PAGE)
+        return raw[:at] + bytes(chance.randrange(256) for _ in range(size)) + raw[at:], (at, at + 1)
+    page = bytes(size) if kind == "zeros" else bytes(chance.randrange(256) for _ in range(size))
+    return raw[:at] + page + raw[at + size :], (at, at + size)
 
 
 def recovered(tmp_path, source, **options):
@@ -142,6 +142,25 @@ def test_without_the_index_of_the_bag_nothing_else_is_lost_and_no_number_is_made
         untouched = Counter(each for at, until, each in messages if until <= begin - NEAR or end <= at)
         assert not untouched - Counter((t_ns, data) for t_ns, _, data in there), (kind, begin)
         assert done.scan.lost in (None, len(messages) - len(there)), (kind, begin, done.scan.damages)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("kind", [*DAMAGES, "several"])
+def test_damage_as_large_as_a_chunk_of_an_open_bag_makes_no_number_up(tmp_path, compression, kind):
+    """What stands behind the damage may be the index of another chunk than the one that is kept before it."""
+    source = bag(tmp_path / "whole.bag", rows("/a", 60), rows("/b", 40, 13), compression=compression, chunk_bytes=1200)
+    raw, chance, broken = source.read_bytes(), random.Random(kind), tmp_path / "broken.bag.active"
+    with Index(source) as index:
+        first, end_of_chunks = index.chunks[0].position, index.position
+    for _ in range(100):
+        content = raw[:end_of_chunks]
+        for each in ("noise", "zeros", "bit") if kind == "several" else (kind,):
+            size = chance.choice((1, 60, 500, 1500))
+            content = damaged(content, each, chance.randrange(first, len(content) - size), chance, size)[0]
+        broken.write_bytes(content)
+        with ending():
+            found = scan(broken)
+        assert found.lost in (None, 100 - found.messages), found.damages
 
 
 def index_record(path):

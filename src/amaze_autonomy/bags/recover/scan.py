@@ -34,6 +34,7 @@ from ..format import (
     Connection,
     Record,
     check_memory,
+    chunk_header,
     connection_of,
     decompressed,
     our_index_record,
@@ -41,7 +42,7 @@ from ..format import (
     unpacked,
 )
 from ..index import LARGEST_NUMBER, LOST_RETURNS, ChunkHead, Entries, Index, chunk_head, has_lost_returns, read_head
-from .salvage import Kept, headers, rewritten, salvaged
+from .salvage import Kept, Row, headers, rewritten, salvaged
 
 _READ = 1 << 14
 _SEARCH = 1 << 22
@@ -606,6 +607,31 @@ class _Scanner:
 
     # --- chunks without an end, or without a beginning ------------------------------------------------------------
 
+    def _lost_loose(
+        self, position: int, entries: Entries, kept: Kept, *, whole: bool, placed: Optional[List[Row]] = None
+    ) -> Optional[int]:
+        """Return the same of a chunk that ends where the next place was found: all bytes before that were passed over.
+
+        There may have been another chunk in them, and the index may be that one's: unless it has what was kept, or the
+        bag's index names all chunks, nobody knows.
+
+        Args:
+            position: of the chunk.
+            entries: the index at the next place.
+            kept: before it.
+            whole: whether all of the data was there.
+            placed: what was kept as the index must have it, if it is that of a chunk at the position; None: as it is.
+        """
+        if self._is_all_named or (whole and not kept.gaps and not entries.parts):
+            return self._lost(position, entries, kept, whole=whole)
+        found = set(kept.rows if placed is None else placed)
+        return self._lost(position, entries, kept, whole=whole) if found and found.issubset(entries.rows()) else None
+
+    @property
+    def _is_all_named(self) -> bool:
+        """Return whether the bag's index is known to name each chunk: the next place is never behind one of them."""
+        return len(self._told) == self._chunk_count > 0
+
     def _keep_loose(self, position: int, head: ChunkHead, *, known: bool) -> int:
         """Keep what is there of a chunk that was not finished, that is cut, or whose length is damaged."""
         if head.stored and head.data + head.stored <= self._size:
@@ -620,14 +646,15 @@ class _Scanner:
             data = b""
         kept = salvaged(data, list(entries.rows()) or None)
         self._add(position, stop, entries.end, kept, data, head._replace(size=-1))
-        whole = whole and len(raw) == stop - head.data
+        ended = bool(entries.parts) or stop == self._size  # else at least the index is missing
+        whole = whole and ended and len(raw) == stop - head.data
         if stop < self._size or entries.parts or not whole or kept.gaps:
             plain = head.compression == "none" and kept.gaps and not entries.parts
             begin = head.data + kept.gaps[0][0] if plain else position
             if stop == self._size:  # where something is kept behind it, it is not the end that is damaged
                 behind = kept.gaps and kept.rows and kept.rows[-1][2] > kept.gaps[0][0]
                 begin = position if behind else max(begin, head.data)
-            self._damage(begin, stop, "a chunk is not whole", self._lost(position, entries, kept, whole=whole))
+            self._damage(begin, stop, "a chunk is not whole", self._lost_loose(position, entries, kept, whole=whole))
         return entries.end
 
     def _keep_ended(self, position: int, head: ChunkHead, *, known: bool) -> int:
@@ -648,6 +675,9 @@ class _Scanner:
         self._add(position, end, entries.end, kept, data, head if known else head._replace(size=-1))
         if not other:
             lost = self._lost(position, Entries((), end, trusted=False, foreign=False), kept, whole=True)
+            missing = len(kept.index_bytes()) - (entries.end - end)
+            if not self._is_all_named and missing and (missing < 0 or stop < self._size):
+                lost = None  # there was more, or less, than this index
             self._damage(end, stop, "the index behind a chunk is damaged, it was made anew", lost)
         return entries.end
 
@@ -658,10 +688,10 @@ class _Scanner:
             self._damage(position, stop, "the index is damaged or cut", 0)
             return stop
         entries, before = self._entries(position, stop), self._before
-        kept, data = self._headless(position, stop, entries)
+        kept, data, placed = self._headless(position, stop, entries)
         if kept.rows:
             self._add(position, stop, entries.end, kept, data, ChunkHead("none", position, stop - position, -1))
-        lost = self._lost(position, entries, kept, whole=False) if kept.rows or entries.parts else None
+        lost = self._lost_loose(position, entries, kept, whole=False, placed=placed)
         if not kept.rows and entries.parts and before.issuperset(row[:2] for row in entries.rows()):
             lost = 0  # it is the rest of the index of the chunk before, all of which was looked at
         self._damage(position, stop, what, lost)
@@ -671,8 +701,11 @@ class _Scanner:
         """Return whether the index should begin here: the header says so, and all chunks that it counts were met."""
         return position == self._said_at and len(self._visited) == self._chunk_count
 
-    def _headless(self, position: int, stop: int, entries: Entries) -> Tuple[Kept, Any]:
-        """Return the messages of a chunk whose header is destroyed, and the data that they are in."""
+    def _headless(self, position: int, stop: int, entries: Entries) -> Tuple[Kept, Any, List[Row]]:
+        """Return the messages of a chunk whose header is destroyed, the data that they are in, and where in the chunk.
+
+        The last are places for a header of its usual size; without one, what was passed over is more than a header.
+        """
         rows = [(*row[:2], -1) for row in entries.rows()]  # where its data began is not known
         raw = self._reader.read(position, min(stop - position, self._memory))
         for magic, kind in _FRAMES:
@@ -680,9 +713,10 @@ class _Scanner:
             if begin >= 0:
                 data, whole = unpacked(kind, raw[begin:], self._memory)
                 if len(data) and (whole or kind == "bz2"):
-                    return salvaged(data, list(entries.rows()) or None), data
-        kept = salvaged(raw, rows or None)
-        return kept, raw
+                    kept = salvaged(data, list(entries.rows()) or None)
+                    return kept, data, kept.rows if begin == len(chunk_header(kind, 0, 0)) else []
+        kept, header = salvaged(raw, rows or None), len(chunk_header("none", 0, 0))
+        return kept, raw, [(t_ns, connection, offset - header) for t_ns, connection, offset in kept.rows]
 
     def _add(self, position: int, end: int, index_end: int, kept: Kept, data: Any, head: ChunkHead) -> None:
         """Keep messages of a chunk that cannot stay as it is."""
