@@ -334,6 +334,7 @@ _INFO = _info_parts()
 
 
 Identity = Tuple[str, str, str, bool, str]
+Name = Tuple[str, str, str]
 
 
 class Connection(NamedTuple):
@@ -372,6 +373,21 @@ class Connection(NamedTuple):
             return fields_of(self.header, 0, len(self.header)).get(b"message_definition", b"").strip()
         except RecordError:
             return b""
+
+    @property
+    def name(self) -> Name:
+        """Return what everybody knows its messages by: topic, type, and md5."""
+        return self.topic, self.kind, self.md5
+
+    def is_of(self, record: Record, header: bytes) -> bool:
+        """Return whether a record describes it byte by byte as this does."""
+        return header == self.header and record.fields.get(b"topic") == self.topic.encode("utf-8", "surrogateescape")
+
+    @property
+    def agrees(self) -> bool:
+        """Return whether its topic is the one that was recorded about it, if there is one."""
+        topic = fields_of(self.header, 0, len(self.header)).get(b"topic")
+        return topic is None or _text(topic) == self.topic
 
     def identity(self, *, publishers_apart: bool = True) -> Identity:
         """Return what two connections have in common when they are the same one."""

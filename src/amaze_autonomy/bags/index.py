@@ -10,7 +10,7 @@ import struct
 import sys
 from array import array
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
+from typing import Any, Container, Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.units import SECOND
 
@@ -26,6 +26,7 @@ from .format import (
     MEMORY,
     Buffer,
     Connection,
+    Name,
     Record,
     check_memory,
     connection_of,
@@ -455,6 +456,28 @@ def _has_entries(buffer: Buffer, place: int, limit: int) -> bool:
     except RecordError:
         pass
     return False
+
+
+OTHERWISE = "it describes a connection otherwise than the bag's index"
+
+
+def contradicts(
+    described: Connection, known: Optional[Connection], names: Container[Name], used: Container[int]
+) -> bool:
+    """Return whether a description in a chunk and that of the bag's index cannot both be right.
+
+    Where a chunk was copied as it is into a bag of several, a connection of which it has no message may be described by
+    the number that it had, which is another one's now; it has its own in the index.
+
+    Args:
+        described: in the chunk.
+        known: what the index has by its number, if it has it.
+        names: of all connections of the index.
+        used: numbers of which the chunk has messages.
+    """
+    if known is None or known.name == described.name:
+        return False
+    return described.number in used or described.name not in names
 
 
 def _joined(parts: List[IndexPart]) -> Tuple[Any, Any, Any]:

@@ -16,8 +16,9 @@ import os
 import struct
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import lru_cache
-from typing import Any, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import lz4.frame
 import numpy as np
@@ -25,8 +26,30 @@ import numpy as np
 from amaze_autonomy.units import SECOND
 
 from .errors import BagError, RecordError
-from .format import CONNECTION, INDEX_ENTRY, MESSAGE, Buffer, decompressed, index_header, record_at, u32
-from .index import ChunkHead, Index, IndexPart, Messages, index_entries, index_parts, require, unusable
+from .format import (
+    CONNECTION,
+    INDEX_ENTRY,
+    MESSAGE,
+    Buffer,
+    Connection,
+    connection_of,
+    decompressed,
+    index_header,
+    record_at,
+    u32,
+)
+from .index import (
+    OTHERWISE,
+    ChunkHead,
+    Index,
+    IndexPart,
+    Messages,
+    contradicts,
+    index_entries,
+    index_parts,
+    require,
+    unusable,
+)
 
 # --- index and buffers as arrays --------------------------------------------------------------------------------------
 
@@ -117,6 +140,8 @@ def check_index(index: Index) -> Messages:
 _WORD = 4
 _LONGEST = 128  # bytes of a header; what recorders write has 50
 
+Connections = Dict[int, Connection]  # by number, as the bag's index has them
+
 
 class Table(NamedTuple):
     """Messages in the order of a buffer, as arrays of one length.
@@ -145,7 +170,9 @@ class Span(NamedTuple):
     end: int
 
 
-def tabulate(buffer: Buffer, spans: List[Span], t_ns: Any, connection: Any, start: Any) -> Table:
+def tabulate(
+    buffer: Buffer, spans: List[Span], t_ns: Any, connection: Any, start: Any, known: Optional[Connections] = None
+) -> Table:
     """Return the messages of chunks in a buffer; `start` are their places in the buffer.
 
     Raises:
@@ -155,17 +182,19 @@ def tabulate(buffer: Buffer, spans: List[Span], t_ns: Any, connection: Any, star
     begins: Any
     ends: Any
     begins, ends = (np.array(each, np.int64) for each in ([span.start for span in spans], [span.end for span in spans]))
-    return tabulated(buffer, begins, ends, t_ns[order], connection[order], start[order])
+    return tabulated(buffer, begins, ends, t_ns[order], connection[order], start[order], known)
 
 
-def tabulated(buffer: Buffer, begins: Any, ends: Any, t_ns: Any, connection: Any, start: Any) -> Table:
+def tabulated(
+    buffer: Buffer, begins: Any, ends: Any, t_ns: Any, connection: Any, start: Any, known: Optional[Connections] = None
+) -> Table:
     """Return the same of stretches given by where they begin and end; messages in the order of their places.
 
     Raises:
         RecordError: Index and data contradict each other.
     """
     table = columns(buffer, t_ns, connection, start)
-    _check_tiling(buffer, begins, ends, table)
+    _check_tiling(buffer, begins, ends, table, known or {})
     return table
 
 
@@ -259,28 +288,51 @@ def _said_one_by_one(buffer: Buffer, starts: List[int]) -> Tuple[Any, Any, Any]:
     return said[:, 0], said[:, 1], said[:, 2]
 
 
-def _check_tiling(buffer: Buffer, begins: Any, ends: Any, table: Table) -> None:
+def _check_tiling(buffer: Buffer, begins: Any, ends: Any, table: Table, known: Connections) -> None:
     """Check that messages and connections fill the chunks, and that no message is missing from the index."""
     place: Any = np.append(np.searchsorted(table.start, begins), len(table.start))  # of each chunk's first message
     filled = np.flatnonzero(place[1:] > place[:-1])
     follows: Any = np.append(table.start[1:], 0)  # a message ends where the next begins, or with its chunk
     follows[place[1:][filled] - 1] = ends[filled]
+    otherwise: List[Tuple[int, Connection]] = []
     for gap in np.flatnonzero(table.end != follows).tolist():
-        _check_connections(buffer, int(table.end[gap]), int(follows[gap]))
+        otherwise += _check_connections(buffer, int(table.end[gap]), int(follows[gap]), known)
     begun = ends.copy()
     begun[filled] = table.start[place[:-1][filled]]
     for each in np.flatnonzero(begun != begins).tolist():
-        _check_connections(buffer, int(begins[each]), int(begun[each]))
+        otherwise += _check_connections(buffer, int(begins[each]), int(begun[each]), known)
+    _check_described(otherwise, begins, place, table, known)
 
 
-def _check_connections(buffer: Buffer, start: int, end: int) -> None:
+def _check_connections(buffer: Buffer, start: int, end: int, known: Connections) -> List[Tuple[int, Connection]]:
+    """Check that nothing but connections is there; return those that the index has otherwise, and their places."""
+    otherwise = []
     while start < end:
         record = record_at(buffer, start, end)
         if record.op != CONNECTION:
             raise RecordError("a message in it is missing from the index")
+        if known:
+            with suppress(RecordError):  # what cannot be read contradicts nothing
+                number, header = record.number(b"conn"), bytes(buffer[record.data : record.end])
+                if number in known and not known[number].is_of(record, header):
+                    otherwise.append((start, connection_of(record, header)))
         start = record.end
     if start != end:
         raise RecordError("its records overlap")
+    return otherwise
+
+
+def _check_described(
+    otherwise: List[Tuple[int, Connection]], begins: Any, place: Any, table: Table, known: Connections
+) -> None:
+    """Check what chunks say of connections in other words than the bag's index: the same ones must be meant."""
+    names = {each.name for each in known.values()} if otherwise else set()
+    used: Dict[int, List[int]] = {}
+    for at, described in otherwise:
+        chunk = int(np.searchsorted(begins, at, "right")) - 1
+        if chunk not in used:
+            used[chunk] = distinct(table.connection[place[chunk] : place[chunk + 1]])
+        require(not contradicts(described, known[described.number], names, used[chunk]), OTHERWISE)
 
 
 def relabel(buffer: Any, table: Table, connection: Any, shift_ns: int) -> Table:
@@ -630,7 +682,7 @@ class Loader:
     def _block(self, numbers: List[int], buffer: bytearray, spans: List[Span], entries: _Entries, cut: Any) -> Block:
         """Check the messages in a buffer; `cut` are places of those that are not all there, and those in the file."""
         try:
-            table = tabulate(buffer, spans, *entries)
+            table = tabulate(buffer, spans, *entries, known=self._index.connections)
         except (*_BROKEN, IndexError) as error:
             raise self._damaged(numbers, buffer, spans, entries, error) from error
         origin: Any = np.full(len(table.start), -1)
@@ -645,7 +697,8 @@ class Loader:
             rows = slice(first, first + chunk.messages)
             first += chunk.messages
             try:
-                tabulate(buffer, [span], *(column[rows] for column in entries))
+                t_ns, connection, start = (column[rows] for column in entries)
+                tabulate(buffer, [span], t_ns, connection, start, self._index.connections)
             except (*_BROKEN, IndexError) as found:
                 return unusable(self._index.path, chunk.position, found)
         return unusable(self._index.path, self._index.chunks[numbers[0]].position, error)

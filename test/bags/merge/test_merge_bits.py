@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import random
+import re
+
 import numpy as np
 import pytest
 from bag_tools import COMPRESSIONS, MS, bag, contents, flipped, rows, text
@@ -13,7 +16,11 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
 from amaze_autonomy.bags.merge.verify import count
 from amaze_autonomy.bags.read import check_index, index_records
+from amaze_autonomy.bags.recover.recover import recover
+from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.bags.write import Output
+
+WRONG = "in a chunk, it describes a connection otherwise than the bag's index"
 
 
 def recording(path, compression="none"):
@@ -86,3 +93,70 @@ def test_index_records_that_a_chunk_without_messages_has_are_empty(tmp_path, emp
 
 def merging(folder):
     return lambda path: merge([path], folder / "merged.bag", MergeOptions(replace=True))
+
+
+def names(path):
+    """Return how many messages there are by topic, type and md5."""
+    return {key: tally.messages for key, tally in count(path).topics.items()}
+
+
+def described(path, where):
+    """Return where topics, types and md5s of connections stand, in the index or in chunks that are not compressed."""
+    raw = path.read_bytes()
+    with Index(path) as index:
+        begin, end = (index.position, len(raw)) if where == "index" else (index.chunks[0].position, index.position)
+    found = re.finditer(rb"topic=/.|type=std_msgs/String|md5sum=[0-9a-f]{32}", raw[begin:end])
+    return [begin + at for each in found for at in range(each.start() + each.group().index(b"=") + 1, each.end())]
+
+
+@pytest.mark.parametrize(
+    "where, compression", [("index", "none"), ("index", "lz4"), ("index", "bz2"), ("chunk", "none")]
+)
+def test_a_wrong_bit_of_a_description_sends_no_message_to_another_name(tmp_path, where, compression):
+    source = recording(tmp_path / "1.bag", compression)
+    raw, whole, chance = source.read_bytes(), names(source), random.Random(where)
+    broken, good = tmp_path / "2.bag", tmp_path / "3.bag"
+    places = described(source, where)
+    assert len(places) > 100
+    refusals = 0
+    for at in chance.sample(places, 60):
+        flipped(broken, raw, at, chance.randrange(8))
+        found = scan(broken)
+        refusals += refused(names, broken)
+        assert bool(found.damages) is refused(names, broken), at
+        assert found.damages or names(broken) == whole, at
+        assert (merged(broken, good, "none") is None) is bool(found.damages), at  # else chunks are copied unseen
+        recover(broken, good, replace=True)
+        assert (scan(good).damages, scan(good).messages) == ([], 22)
+        right = sum(count for name, count in names(good).items() if name in whole)
+        assert right == 22, (at, names(good))
+    assert refusals > 30
+
+
+@pytest.mark.parametrize("where", ["index", "chunk"])
+def test_a_description_that_two_of_three_witnesses_contradict_is_not_kept(tmp_path, where):
+    source = recording(tmp_path / "1.bag")
+    raw, whole = source.read_bytes(), names(source)
+    for said in (b"topic=/a", b"type=std_msgs/String", b"md5sum=99"):
+        with Index(source) as index:
+            at = raw.index(said, index.position if where == "index" else index.chunks[0].position) + len(said) - 1
+        flipped(tmp_path / "2.bag", raw, at, 1)
+        found = scan(tmp_path / "2.bag")
+        assert [each.what for each in found.damages] == [WRONG]
+        assert (found.lost, found.messages) == (0, 22)
+        recover(tmp_path / "2.bag", tmp_path / "3.bag", replace=True)
+        assert names(tmp_path / "3.bag") == whole
+        assert contents(tmp_path / "3.bag") == contents(source)
+
+
+def test_a_chunk_that_was_copied_with_the_descriptions_of_its_own_bag_is_good(tmp_path):
+    first = bag(tmp_path / "1.bag", rows("/a", 20), rows("/b", 20), compression="lz4")
+    second = bag(
+        tmp_path / "2.bag", rows("/a", 40, 1, 5000), rows("/c", 10, 1, 9000), compression="lz4", chunk_bytes=500
+    )
+    done = merge([first, second], tmp_path / "3.bag")
+    assert done.chunks_copied > 5
+    with Index(done.path) as index:
+        assert [each.topic for _, each in sorted(index.connections.items())] == ["/a", "/b", "/c"]
+    assert sum(names(done.path).values()) == done.messages == 90
+    assert scan(done.path).damages == []

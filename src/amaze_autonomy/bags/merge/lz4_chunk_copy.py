@@ -429,7 +429,7 @@ class ChunkCopies:
             np.concatenate([chunk_copy.connection[:-1] for chunk_copy in chunk_copies]),
             np.concatenate([chunk_copy.offset[:-1] + place for chunk_copy, place in zip(chunk_copies, places)]),
         )
-        table = tabulate(buffer, spans, *columns)
+        table = tabulate(buffer, spans, *columns, known=self._index.connections)
         return relabel(buffer, table, self._target[table.connection], self._shift_ns)
 
     def _together(

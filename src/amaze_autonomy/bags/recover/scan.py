@@ -32,6 +32,7 @@ from ..format import (
     MEMORY,
     MESSAGE,
     Connection,
+    Name,
     Record,
     check_memory,
     chunk_header,
@@ -41,7 +42,18 @@ from ..format import (
     record_at,
     unpacked,
 )
-from ..index import LARGEST_NUMBER, LOST_RETURNS, ChunkHead, Entries, Index, chunk_head, has_lost_returns, read_head
+from ..index import (
+    LARGEST_NUMBER,
+    LOST_RETURNS,
+    OTHERWISE,
+    ChunkHead,
+    Entries,
+    Index,
+    chunk_head,
+    contradicts,
+    has_lost_returns,
+    read_head,
+)
 from .salvage import Kept, Row, headers, rewritten, salvaged
 
 _READ = 1 << 14
@@ -222,6 +234,8 @@ class _Scanner:
         self._settled: Set[int] = set()  # connections of which nothing better is to be expected
         self._learnt: Set[int] = set()  # connections that chunks describe
         self._indexed: Dict[int, Connection] = {}  # connections as the bag's index has them
+        self._named: Dict[int, Connection] = {}  # those of them that have a number of their own
+        self._names: Set[Name] = set()  # what all of them are known by
         self._doubtful: Set[int] = set()  # numbers that are those of several connections there
         self._chunks: List[Found] = []
         self._before: FrozenSet[Tuple[int, int]] = frozenset()  # times and connections of the last damaged chunk
@@ -297,12 +311,15 @@ class _Scanner:
     def _note_connection(self, connection: Connection, position: int) -> None:
         """Take a connection of the index; where two have one number, what chunks say of it counts."""
         number = connection.number
+        self._names.add(connection.name)
         if self._indexed.setdefault(number, connection) != connection:
             self._doubtful.add(number)
+            self._named.pop(number, None)
             if number not in self._learnt:
                 self._connections.pop(number, None)
                 self._settled.discard(number)
         elif number not in self._doubtful:
+            self._named[number] = connection
             self._meet(connection, position)
 
     def run(self, progress: Progress) -> None:
@@ -570,11 +587,11 @@ class _Scanner:
             self._learn(kept, position)
             self._settled.update(number for number, _ in entries.counts())
             if not kept.gaps and sorted(kept.rows) == sorted(entries.rows()):
-                return None
+                return RecordError(OTHERWISE) if self._contradicted(kept, self._named) else None
         from ..read import Span, tabulate  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
 
         try:
-            tabulate(data, [Span(0, len(data))], *entries.columns())
+            tabulate(data, [Span(0, len(data))], *entries.columns(), known=self._named)
         except _BROKEN as error:
             return error
         return None
@@ -587,6 +604,21 @@ class _Scanner:
         for each in kept.connections.values():
             self._learnt.add(each.number)
             self._meet(each, position)
+        for each in self._contradicted(kept, self._named):
+            if self._witnesses(each) >= self._witnesses(self._named[each.number]):
+                self._connections[each.number] = each
+
+    def _contradicted(self, kept: Kept, known: Dict[int, Connection]) -> List[Connection]:
+        """Return what a chunk describes that the bag's index has, otherwise than it is known."""
+        used = dict(kept.counts())
+        named = [each for number, each in kept.connections.items() if number in self._named]
+        return [each for each in named if contradicts(each, known.get(each.number), self._names, used)]
+
+    def _witnesses(self, connection: Connection) -> Tuple[bool, int]:
+        """Return what speaks for a description: that it looks good, and how much else says the same."""
+        others = (each for each in self._indexed.values() if each.number != connection.number)
+        alike = any((each.kind, each.md5) == (connection.kind, connection.md5) for each in others)
+        return connection.plausible, connection.agrees + alike
 
     def _meet(self, connection: Connection, position: int) -> None:
         """Remember a connection; of its two descriptions, in a chunk and in the index, the one that looks good.
@@ -724,8 +756,10 @@ class _Scanner:
         if not kept.rows:
             return
         self._before = frozenset(row[:2] for row in kept.rows)
-        new = None
-        if kept.gaps or kept.end != len(data) or len(data) != head.size:
+        new, wrong = None, [each.number for each in self._contradicted(kept, self._connections)]
+        good = {number: self._connections[number] for number in wrong}
+        kept = kept._replace(connections={**kept.connections, **good})
+        if wrong or kept.gaps or kept.end != len(data) or len(data) != head.size:
             new, kept = rewritten(data, kept)
         self._chunks.append(
             Found(position, end, index_end, *kept.times(), kept.counts(), kept.index_bytes(), new, head.compression)
