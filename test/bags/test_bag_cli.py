@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_tools import COMPRESSIONS, bag, digest, multiset, rows, text, unclosed
+from bag_tools import COMPRESSIONS, bag, digest, every_kill, multiset, rows, text, unclosed
 from replay_bags import START_NS
 
 from amaze_autonomy.bags.cli import main
@@ -388,3 +388,42 @@ def test_a_folder_is_no_bag(capsys, two, arguments, folder):
     more = two if arguments[0] == "merge" else []
     expected = f"amaze-bag: {folder}: is a folder; name a bag in it\n"
     assert run(capsys, *arguments, folder, *more) == (1, "", expected)
+
+
+@pytest.mark.parametrize(
+    "command", [["filter", "--to", "0.5"], ["cut", "--to", "0.5"], ["recover"], ["merge", "--duplicates", "drop"]]
+)
+def test_the_manifest_of_a_bag_that_is_replaced_goes_with_it(capsys, tmp_path, two, command):
+    output = tmp_path / "out.bag"
+    assert run(capsys, "merge", *two, "-o", output, "--verify")[0] == 0
+    assert manifest_path(output).is_file()
+    status, _, said = run(capsys, *command, two[0], "-o", output)
+    assert status == 1
+    assert "exists" in said
+    assert manifest_path(output).is_file()
+    assert run(capsys, *command, two[0], "-o", output, "--force")[0] == 0
+    assert manifest_path(output).is_file() is (command[0] == "merge")
+    assert run(capsys, "verify", output)[0] == 0
+
+
+def test_a_merge_that_is_killed_leaves_no_bag_with_the_manifest_of_another(capsys, tmp_path, two):
+    output, manifest, first = tmp_path / "out.bag", manifest_path(tmp_path / "out.bag"), []
+    for arguments in (["--offsets-s", "0,5"], []):
+        assert run(capsys, "merge", *two, "-o", output, "--force", *arguments)[0] == 0
+        first.append((output.read_bytes(), manifest.read_bytes()))
+    (old, old_manifest), (new, new_manifest) = first
+    states = set()
+
+    def begin():
+        output.write_bytes(old)
+        manifest.write_bytes(old_manifest)
+
+    begin()
+    for call in every_kill(lambda: main(["merge", *map(str, two), "-o", str(output), "--force"])):
+        assert output.read_bytes() in (old, new), call
+        beside = manifest.read_bytes() if manifest.exists() else None
+        assert beside in (None, old_manifest if output.read_bytes() == old else new_manifest), call
+        states.add((output.read_bytes() == old, beside))
+        begin()
+    assert states >= {(True, old_manifest), (True, None), (False, None)}
+    assert (output.read_bytes(), manifest.read_bytes()) == (new, new_manifest)

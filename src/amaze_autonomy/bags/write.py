@@ -124,7 +124,7 @@ class Output:
 
     Args:
         path: of the bag.
-        replace: whether an existing one may be replaced.
+        replace: whether an existing one may be replaced; its manifest goes with it.
         needed: bytes that it is going to have, about; refused at once when the disk has less.
 
     Raises:
@@ -286,13 +286,22 @@ class Output:
         if os.pwrite(self._file, header, 0) != len(header):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         os.fsync(self._file)
-        if self.path.exists() and not self._replace:
-            raise _exists(self.path)
+        if self.path.exists():
+            self._give_up_manifest()
         self._part.replace(self.path)
         os.close(self._file)
         self._file = -1
         sync_folder(self.path.parent)
         return self.position
+
+    def _give_up_manifest(self) -> None:
+        """Remove what was said of the bag that is replaced: before that, so that it is never said of this one."""
+        if not self._replace:
+            raise _exists(self.path)
+        from .merge.manifest import manifest_path  # noqa: PLC0415  (a circle, and seldom wanted)
+
+        with suppress(FileNotFoundError):
+            manifest_path(self.path).unlink()
 
 
 def index_of(connections: Dict[int, Connection], infos: List[bytes]) -> bytes:
