@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import random
 import struct
+import tracemalloc
 
 import pytest
 from bag_tools import bag, rows
@@ -81,3 +83,56 @@ def test_an_index_that_counts_a_connection_of_a_chunk_twice_is_refused(tmp_path)
     source.write_bytes(raw.replace(said, struct.pack("<4L", 0, 3, 0, 3)))
     with pytest.raises(BagError, match="it counts the messages of a connection twice"):
         Index(source)
+
+
+def opened(path):
+    """Return what an index says, or why it is refused."""
+    try:
+        with Index(path) as index:
+            return index.connections, index.chunks, index.messages().t_ns.tolist()
+    except BagError as error:
+        return error.wrong
+
+
+def test_a_large_index_is_the_same_read_by_its_records(tmp_path, monkeypatch):
+    """Every bit of where it is and of what it counts, bits drawn in it, and what stands behind it."""
+    source, path = bag(tmp_path / "1.bag", rows("/a", 50), rows("/b", 30)), tmp_path / "2.bag"
+    raw, chance = source.read_bytes(), random.Random(3)
+    fields = [(b"index_pos=", 8), (b"conn_count=", 4), (b"chunk_count=", 4)]
+    starts = [raw.index(name) + len(name) for name, _ in fields]
+    bits = [8 * start + bit for start, (_, size) in zip(starts, fields) for bit in range(8 * size)]
+    with Index(source) as index:
+        bits += [chance.randrange(8 * index.position, 8 * index.size) for _ in range(200)]
+    changed = [raw[:at] + bytes([raw[at] ^ 1 << bit]) + raw[at + 1 :] for at, bit in (divmod(each, 8) for each in bits)]
+    changed += [raw, raw + b"\n", raw + bytes(5000), raw[:-1], raw[:-1000]]
+    refused = 0
+    for content in changed:
+        path.write_bytes(content)
+        with monkeypatch.context() as patch:
+            said = opened(path)
+            patch.setattr("amaze_autonomy.bags.index._LARGE_INDEX", 0)
+            patch.setattr("amaze_autonomy.bags.index._PIECE", 500)
+            by_records = opened(path)
+        refused += isinstance(said, str)
+        assert isinstance(by_records, str) is isinstance(said, str)
+        assert isinstance(said, str) or by_records == said
+    assert refused > 100
+
+
+def test_a_wrong_place_of_the_index_brings_no_recording_into_memory(tmp_path):
+    path = bag(tmp_path / "1.bag", rows("/a", 100))
+    raw = bytearray(path.read_bytes())
+    at = raw.index(b"index_pos=") + 10
+    with Index(path) as index:
+        places = [index.chunks[0].position, index.head(0).data]  # of a chunk, and of a connection in it
+    for place in places:
+        raw[at : at + 8] = struct.pack("<Q", place)
+        with path.open("wb") as file:
+            file.write(raw)
+            file.truncate(200 << 20)
+        tracemalloc.start()
+        with pytest.raises(BagError, match="the index is damaged"):
+            Index(path)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 20 << 20

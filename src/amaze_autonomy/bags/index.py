@@ -22,6 +22,7 @@ from .format import (
     CONNECTION,
     INDEX,
     INDEX_ENTRY,
+    LARGEST_HEADER,
     MAGIC,
     MEMORY,
     Buffer,
@@ -111,6 +112,7 @@ LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have tab
 KEEP_GOOD = "keep what is good with `amaze-bag recover --check-data`"
 _REMEDY = "make a new one with `amaze-bag recover`"
 _PIECE = 1 << 20
+_LARGE_INDEX = 64 << 20  # bytes: a hundred for each chunk, so that hardly one has as many
 _BEHIND = (INDEX, CHUNK, CHUNK_INFO)  # what a chunk's data, or an index record's, is followed by
 LOST_RETURNS = (
     "git's conversion of line endings made every CR LF an LF: where bytes were lost cannot be told for certain"
@@ -195,12 +197,34 @@ class Index:
             raise NotClosedError(str(self.path), "was not closed, so it has no index", _REMEDY)
         if not header.end <= self.position <= self.size:
             raise RecordError(f"it should be at byte {self.position} of {self.size}")
-        tail = os.pread(self.file, self.size - self.position, self.position)
+        tail = os.pread(self.file, self._length(header), self.position)
         self.connections: Dict[int, Connection] = {}
         place = self._read_connections(tail, header.number(b"conn_count"))
         self.chunks, place = self._read_chunks(tail, place, header.number(b"chunk_count"))
         require(not _goes_on(tail, place), "it has more records than the header counts")
         self._heads: Dict[int, ChunkHead] = {}
+
+    def _length(self, header: Record) -> int:
+        """Return how many bytes are worth reading: where more follow than an index has, those of its records.
+
+        A wrong place of it would otherwise bring a whole recording into memory.
+        """
+        length = self.size - self.position
+        if length <= _LARGE_INDEX:
+            return length
+        window, begin, place = b"", 0, 0  # places in the index
+        for _ in range(header.number(b"conn_count") + header.number(b"chunk_count")):
+            if place + _HEAD_BYTES > begin + len(window):
+                window, begin = os.pread(self.file, _PIECE, self.position + place), place
+            try:
+                record = record_at(window, place - begin, len(window))
+            except RecordError:  # its header may be longer than any that we know
+                window, begin = os.pread(self.file, LARGEST_HEADER + 8, self.position + place), place
+                record = record_at(window, 0, len(window))
+            place = begin + record.end
+            if record.op not in (CONNECTION, CHUNK_INFO) or place > length:
+                raise RecordError("it ends too early")
+        return min(length, place + _HEAD_BYTES)
 
     def _read_connections(self, tail: bytes, count: int) -> int:
         place = 0
