@@ -82,6 +82,18 @@ def test_it_climbs_straight_up_then_flies_each_leg_then_is_finished():
     assert guided.reached == 2
 
 
+@pytest.mark.parametrize("up_m", [1.7, -0.7])
+def test_heights_are_above_where_this_file_takes_off_not_where_the_first_did(up_m):
+    follower = Follower(guidance(Waypoint(0.0, 4.0, 2.0, 0.0, 0.0), start=(14.0, -5.0, up_m)))
+    follower.at = (14.0, -5.0, up_m)
+    while follower.guided.climbing:
+        follower.step()
+        assert follower.at[:2] == (14.0, -5.0)
+    assert follower.at[2] >= up_m + 1.0
+    follower.until(lambda: follower.guided.finished)
+    assert follower.at == pytest.approx((10.0, -1.0, up_m + 2.0))
+
+
 def test_yaw_is_sent_clockwise_from_north_and_turns_as_fast_as_the_model():
     guided = guidance(Waypoint(0.0, 0.0, 1.0, math.pi / 2, 0.0), Waypoint(9.0, 0.0, 1.0, math.pi / 2, 0.0))
     follower = Follower(guided)

@@ -195,6 +195,48 @@ def test_several_files_and_repetitions_with_touchdowns_between(mission):
     assert flying.phases == WHOLE + (sending + WHOLE[1:]) * 3
 
 
+def drifted(flying, up_m):
+    """Have the vertical of the local frame drift: what stands at 0 is said to stand so much higher."""
+    take, wake = flying.vehicle.take, flying.vehicle.wake
+
+    def lowered(t_ns, message):
+        if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
+            message.z += up_m
+        return take(t_ns, message)
+
+    def raised(t_ns):
+        messages = wake(t_ns)
+        for message in messages:
+            if message.get_type() == "LOCAL_POSITION_NED":
+                message.z -= up_m
+        return messages
+
+    flying.vehicle.take, flying.vehicle.wake = lowered, raised
+
+
+@pytest.mark.parametrize("up_m", [1.2, -1.2])
+def test_by_set_points_each_file_is_flown_at_its_heights_above_where_it_takes_off(up_m):
+    flying = Flying()
+    flying.take_off("inside twice")
+    flying.until_phase(P.LANDED)
+    drifted(flying, up_m)
+    flying.run(2 * S)
+    heights = []
+    flying.take_off("inside twice", 1)
+    flying.until_phase(P.FLYING)
+    assert flying.craft.position_m[2] >= 1.0 - 0.5  # of acceptance
+    assert near(flying, *WHERE_IT_LANDS)
+    assert flying.status.distance_left_m == pytest.approx(11.0, abs=0.7)
+
+    def down():
+        heights.append(flying.craft.height_m)
+        return flying.phase is P.LANDED
+
+    flying.until(down)
+    assert max(heights) == pytest.approx(2.0, abs=0.1)
+    assert flying.status.waypoint == 2
+
+
 def test_waypoints_that_no_file_has_count_from_their_own_takeoff_in_one_session_too():
     flying = Flying(plans=())
     for number, east_m in enumerate((8.0, 16.0)):

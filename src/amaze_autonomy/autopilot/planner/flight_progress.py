@@ -235,8 +235,9 @@ class FlightProgress(NamedTuple):
             pose = watch.local(t_ns, self.age_limit_ns)
             if pose is None:
                 return None
-            x, y, z = (at - start for at, start in zip(pose.position_m, origin.local))
-            return Here(x, y, z, yaw)
+            guidance, (x, y, z) = self.flight.guidance, pose.position_m
+            start_m = z if guidance is None else guidance.origin[2]  # heights are above the takeoff of each file
+            return Here(x - origin.local[0], y - origin.local[1], z - start_m, yaw)
         place = watch.somewhere(t_ns, self.age_limit_ns)
         return None if place is None or origin.home is None else Here(*origin.home.to_local(place), watch.height_m, yaw)
 

@@ -38,7 +38,7 @@ class Guidance:
     """Leads the vehicle up, along the waypoints, and on to the end of the last hold.
 
     Args:
-        waypoints: of one file, relative to the origin.
+        waypoints: of one file, east and north of the origin, heights above where it takes off.
         origin: position of the mission's first takeoff in the estimator's frame (ENU).
         takeoff_height_m: of the climb.
         model: speeds.
@@ -59,7 +59,7 @@ class Guidance:
         yaw_rad: Optional[float],
         target: Tuple[int, int],
     ) -> None:
-        self.origin, self._target = origin, target
+        self.origin, self._target = (origin[0], origin[1], pose.position_m[2]), target  # as a mission's: above home
         self._model, self._spec = model, spec
         start = Waypoint(pose.position_m[0] - origin[0], pose.position_m[1] - origin[1], takeoff_height_m, 0.0, 0.0)
         self._yaw = waypoints[0].yaw_rad if yaw_rad is None else yaw_rad
