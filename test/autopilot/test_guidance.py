@@ -188,6 +188,19 @@ def test_a_pose_that_jumps_is_not_followed():
     assert guided.blind_ns(follower.t_ns + S + STEP_NS) == 0
 
 
+@pytest.mark.parametrize("climb_m_s, descent_m_s", [(3.0, 0.5), (0.5, 3.0)])
+def test_a_vehicle_that_lags_on_a_leg_faster_than_its_cruise_has_not_jumped(climb_m_s, descent_m_s):
+    model = FlightModel(0.5, climb_speed_m_s=climb_m_s, descent_speed_m_s=descent_m_s, acceleration_m_s2=9.0)
+    waypoints = (Waypoint(0.0, 0.0, 13.0, 0.0, 0.0), Waypoint(0.0, 0.0, 1.0, 0.0, 0.0))
+    guided = Guidance(waypoints, ORIGIN, 1.0, model, SPEC, pose(*ORIGIN), 0.0, TARGET)
+    guided.flying = True
+    follower = Follower(guided)
+    follower.until(lambda: guided.reached == (1 if descent_m_s > climb_m_s else 0) and not guided.climbing)
+    stuck, begun_ns = follower.at, follower.t_ns
+    points = [place(guided.step(begun_ns + number * STEP_NS, pose(*stuck), None)) for number in range(1, 200)]
+    assert max(math.dist(point, stuck) for point in points) == pytest.approx(4.5, abs=0.2)
+
+
 def test_it_begins_where_the_vehicle_is_on_a_climb_of_its_own():
     guided = guidance(Waypoint(0.0, 0.0, 1.0, 0.0, 0.0))
     guided.flying = False

@@ -181,8 +181,10 @@ class Guidance:
 
     @property
     def _far_m(self) -> float:
-        """Return how far from its point a vehicle is that has not been led there."""
-        return _FAR_LEADS * self._longest_lead(self._model.cruise_speed_m_s) + self._spec.acceptance_radius_m
+        """Return how far from its point a vehicle is that has not been led there, whichever way the leg goes."""
+        model = self._model
+        fastest = max(model.cruise_speed_m_s, model.climb_speed_m_s, model.descent_speed_m_s)
+        return _FAR_LEADS * self._longest_lead(fastest) + self._spec.acceptance_radius_m
 
     @staticmethod
     def _longest_lead(speed_m_s: float) -> float:
