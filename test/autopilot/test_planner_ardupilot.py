@@ -14,6 +14,7 @@ from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, PlannerSpec, Trajectory, Waypoint
+from amaze_autonomy.simulation.px4 import Px4Settings
 
 P, A = MissionPhase, MissionAction
 BOTH = pytest.mark.parametrize("mission", ["line", "inside"])
@@ -48,6 +49,50 @@ def test_it_holds_where_it_is_and_resumes_where_it_stopped(mission):
     assert flying.status.waypoint == 2
     flying.until_phase(P.LANDED)
     assert flying.status.waypoint == 3
+
+
+def test_an_autopilot_whose_held_missions_begin_anew_gets_none_but_flies_by_set_points():
+    flying = ardupilot(settings=Px4Settings(parameters={"MIS_RESTART": 1}))
+    loading = flying.load("line")
+    reason = "MIS_RESTART of the ArduPilot is 1: a mission that is held would begin anew; set it to 0"
+    assert (loading.accepted, loading.reason, flying.phase) == (False, reason, P.IDLE)
+    flying.take_off("inside")
+    flying.until_phase(P.FLYING)
+
+
+def test_it_is_asked_until_it_says_whether_missions_begin_anew_and_then_does_not_take_off():
+    flying = ardupilot(settings=Px4Settings(parameters={"MIS_RESTART": 1}))
+    take, asked = flying.vehicle.take, []
+
+    def deaf(t_ns, message):
+        if message.get_type() == "PARAM_REQUEST_READ":
+            asked.append(t_ns)
+            if len(asked) < 20:
+                return []
+        return take(t_ns, message)
+
+    flying.vehicle.take = deaf
+    assert flying.load("line").accepted
+    flying.run(15 * S)
+    assert len(asked) == 20
+    assert flying.command(A.TAKEOFF).startswith("MIS_RESTART of the ArduPilot is 1")
+
+
+def test_a_mission_that_begins_anew_after_a_hold_has_failed_to_resume():
+    flying = ardupilot()
+    flying.take_off("line")
+    flying.vehicle.px4.parameters["MIS_RESTART"] = 1
+    flying.until(lambda: flying.status.waypoint == 3)
+    assert flying.command(A.HOLD) == ""
+    flying.until_phase(P.HOLDING, limit_ns=3 * S)
+    flying.run(5 * S)
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.FAILED, limit_ns=3 * S)
+    assert flying.status.message == "the mission began anew when it was to go on: it is at item 1"
+    flying.run(3 * S)
+    assert flying.phase is P.FAILED
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDED)
 
 
 @BOTH

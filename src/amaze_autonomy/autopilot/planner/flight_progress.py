@@ -36,10 +36,11 @@ class FlightRecord:
         self.guidance: Optional[Guidance] = None
         self.armed = self.airborne = self.lifted = False
         self.failure = ""
-        self.replaced = False  # the mission on the vehicle is somebody else's
+        self.replaced = False  # what the vehicle flies is somebody else's mission, or begins anew
         self.landing = ""  # why it was landed, where it was
+        self._resumed_item = 0  # from which the mission goes on that was held
         self._another = False  # the vehicle was armed on the ground again: what flies next is somebody else's
-        self.reached = self._others = 0
+        self.reached = self._others = self._fallen_back = 0
         self._highest = 0
         self._ground_ns: Optional[int] = None
         self._beat_ns: Optional[int] = None
@@ -85,6 +86,18 @@ class FlightRecord:
         self._others = self._others + 1 if None not in (there, total) and there != total else 0
         self.replaced = self.replaced or self._others >= _IN_A_ROW
         return self.replaced
+
+    def goes_on_from(self, item: Optional[int]) -> None:
+        """Take from which item the mission is told to go on; None: it is not, or nobody knows."""
+        self._resumed_item, self._fallen_back = item or 0, 0
+
+    def begins_anew(self) -> bool:
+        """Take a MISSION_CURRENT; return True once the vehicle has said twice in a row that it flies what was flown."""
+        current = self._watch.current
+        back = current is not None and current < self._resumed_item and self._watch.mode == MISSION
+        self._fallen_back = self._fallen_back + 1 if back else 0
+        self.replaced = self.replaced or self._fallen_back >= _IN_A_ROW
+        return self._fallen_back >= _IN_A_ROW
 
     def _count(self) -> None:
         """Count waypoints that are done with."""

@@ -14,8 +14,10 @@ from amaze_autonomy.missions import Controller, Frame, Home, MissionPlan, Planne
 
 from ..link.dialect import Message
 from .mission_upload import MissionUpload, UploadPhase, mission_items
-from .mission_vehicle import VehicleWatch
+from .mission_vehicle import RESTART, VehicleWatch
 
+BEGINS_ANEW = f"{RESTART} of the ArduPilot is 1: a mission that is held would begin anew; set it to 0"
+"""Why no mission is flown by such an autopilot."""
 _SAME_BOOT_NS = 5_000_000_000  # how far two readings of the same start may lie apart
 
 
@@ -158,8 +160,10 @@ class Loading:
     def _after(self, messages: List[Message]) -> List[Message]:
         upload = self._upload
         if upload is not None and upload.over:
-            self._accepted = upload.phase is UploadPhase.DONE
-            self._reason = "" if self._accepted else f"sending {self.trajectory.file}: {upload.reason}"
+            restarts = bool(self._readiness.watch.restarts)
+            self._accepted = upload.phase is UploadPhase.DONE and not restarts
+            not_sent = BEGINS_ANEW if restarts else f"sending {self.trajectory.file}: {upload.reason}"
+            self._reason = "" if self._accepted else not_sent
         return messages
 
     # --- before anything is sent ----------------------------------------------------------------------------------

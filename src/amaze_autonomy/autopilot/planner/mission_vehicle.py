@@ -36,6 +36,8 @@ _OTHERS = {
     Dialect.PX4: ("EKF_STATUS_REPORT", "HEARTBEAT"),  # it beats at 1 Hz, and refuses to be asked
     Dialect.ARDUPILOT: ("ESTIMATOR_STATUS", "CURRENT_MODE"),
 }
+RESTART = "MIS_RESTART"
+"""Parameter of an ArduPilot: its mission begins anew whenever it enters AUTO, also where it was held."""
 _NO_ITEMS = 65535  # MISSION_CURRENT of a vehicle that has no mission
 _WARNING = mavlink.MAV_SEVERITY_WARNING
 _COMPLAINTS = 3
@@ -98,6 +100,7 @@ class VehicleWatch:
         self.current_ns: Optional[int] = None
         self.total: Optional[int] = None  # items of the mission that it has; None: it does not say
         self.reached: Optional[int] = None
+        self.restarts: Optional[bool] = None  # whether a mission that was held begins anew (ArduPilot); None: not said
         self.texts = Texts()
         self._system = SystemStatus(_SYSTEM_AGE_NS)
         self.results: Dict[int, str] = {}
@@ -297,6 +300,10 @@ class VehicleWatch:
     def _reached(self, _: int, message: Message) -> None:
         self.reached = message.seq
 
+    def _parameter(self, _: int, message: Message) -> None:
+        if message.param_id == RESTART:
+            self.restarts = message.param_value != 0.0
+
     def _text(self, t_ns: int, message: Message) -> None:
         self.texts.add(t_ns, message)
 
@@ -318,6 +325,7 @@ _TAKES: Mapping[str, Callable[[VehicleWatch, int, Message], None]] = {
     "SYS_STATUS": VehicleWatch._system_status,  # noqa: SLF001
     "MISSION_CURRENT": VehicleWatch._current,  # noqa: SLF001
     "MISSION_ITEM_REACHED": VehicleWatch._reached,  # noqa: SLF001
+    "PARAM_VALUE": VehicleWatch._parameter,  # noqa: SLF001
     "STATUSTEXT": VehicleWatch._text,  # noqa: SLF001
     "COMMAND_ACK": VehicleWatch._ack,  # noqa: SLF001
 }

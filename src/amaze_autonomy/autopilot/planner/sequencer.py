@@ -25,9 +25,9 @@ from ..vehicle.asked import Rates
 from ..vehicle.modes import LAND, LANDING_MODES, is_foreign
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
-from .loading import Loading, LoadRequest, Origin, Readiness
-from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase
-from .mission_vehicle import OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
+from .loading import BEGINS_ANEW, Loading, LoadRequest, Origin, Readiness
+from .mission_upload import UPLOAD_MESSAGES, Dialect, MissionUpload, UploadPhase, beginning
+from .mission_vehicle import OFFBOARD, RESTART, STREAMS, TAKEN, Pose, VehicleWatch
 from .procedure import Means, Procedure, Progress, steps_of
 
 PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
@@ -38,6 +38,7 @@ _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
 _LATE_NS = 3 * _S  # within which a command of ours may still take effect, on a slow way
 _OTHER_NS = _S  # how long the autopilot node's word counts; it repeats it at 5 Hz
 _ASK_BEAT_NS = 3 * _S // 10  # between two questions
+_ASK_RESTART_NS = _S // 2  # likewise
 _STATUS_NS = _S // 5  # between two statuses of this node: the last one may be so old when it stops
 _LANDINGS = (MissionAction.LAND, MissionAction.ABORT)
 _ASKED, _NO_TAKEOFF = "a landing was commanded", "the takeoff failed"
@@ -94,7 +95,7 @@ class Sequencer:
         self._commanded_ns = -_LATE_NS  # when something else than a landing was sent last
         self._other, self._other_ns = "", -_OTHER_NS
         self._attention = Attention()
-        self._beat_due_ns = 0
+        self._beat_due_ns = self._restart_due_ns = 0
 
     # --- the link -------------------------------------------------------------------------------------------------
 
@@ -105,6 +106,7 @@ class Sequencer:
         self._rates.heard(t_ns, message.get_type())
         if message.get_type() == "MISSION_CURRENT":
             self._look_at_total()
+            self._look_at_resume()
         sent: List[Message] = []
         if self._loading is not None and not self._loading.over:
             sent += self._loading.receive(t_ns, message)
@@ -133,7 +135,7 @@ class Sequencer:
         if not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return sent
         asked = self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)
-        return [*sent, *self._ask_beat(t_ns), *asked]
+        return [*sent, *self._ask_beat(t_ns), *self._ask_restart(t_ns), *asked]
 
     def _ask_beat(self, t_ns: int) -> List[Message]:
         """Ask for a heartbeat that must say whether a failsafe chose a mode that was not commanded here."""
@@ -142,6 +144,17 @@ class Sequencer:
         self._beat_due_ns = t_ns + _ASK_BEAT_NS
         wanted = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         return [mavlink.MAVLink_command_long_message(*self.watch.target, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, *wanted)]
+
+    def _ask_restart(self, t_ns: int) -> List[Message]:
+        """Ask an ArduPilot that is to fly a mission, until it says it, whether one that is held would begin anew."""
+        watch = self.watch
+        asks = watch.dialect is Dialect.ARDUPILOT and self._loading is not None and watch.armed is False
+        if not asks or self._controller is Controller.OFFBOARD or watch.restarts is not None:
+            return []
+        if t_ns < self._restart_due_ns or not self._knows_the_vehicle:
+            return []
+        self._restart_due_ns = t_ns + _ASK_RESTART_NS
+        return [mavlink.MAVLink_param_request_read_message(*watch.target, RESTART.encode("ascii"), -1)]
 
     def _look(self, t_ns: int, *, read: bool = False) -> None:
         """Notice that this process stood still."""
@@ -192,7 +205,7 @@ class Sequencer:
         self._loading = loading
         self._phase, self._message, self._loaded, self._procedure = _P.IDLE, "", request, None
         self._landing, self._verification = "", None
-        self._flight = FlightRecord(self.watch)
+        self._flight, self.watch.restarts, self._restart_due_ns = FlightRecord(self.watch), None, t_ns
         messages = loading.start(t_ns)
         self._finish_loading()
         return loading, messages if self._knows_the_vehicle else ()
@@ -248,6 +261,7 @@ class Sequencer:
             lost=self._controller is Controller.OFFBOARD and self._pose(t_ns) is None,
             landing=self._landing,
             other=self._other if t_ns - self._other_ns < _OTHER_NS else "",
+            restarts=bool(self.watch.restarts) and self._controller is Controller.MISSION,
         )
 
     def _meant(self, t_ns: int) -> MissionAction:
@@ -276,6 +290,10 @@ class Sequencer:
             self._means.stream_ns = t_ns
         if action is _A.RESUME and self._means.resume_item is not None:
             self._means.resume_item = max(self._means.resume_item, self._flight.item or 0)  # told late, it was passed
+        if action in (_A.HOLD, _A.RESUME) and self._controller is Controller.MISSION:
+            held = self._flight.item if self._means.resume_item is None else self._means.resume_item
+            begun = None if held is None or action is _A.HOLD else beginning(held, self.watch.dialect)
+            self._flight.goes_on_from(begun)
         if action in _LANDINGS:
             self._landing, self._verification = self._landing or _ASKED, None
         persistent = action in _LANDINGS
@@ -477,6 +495,14 @@ class Sequencer:
             self._procedure = None  # nothing of ours may go on with that mission
             self._fail(reason)
 
+    def _look_at_resume(self) -> None:
+        """Look whether a mission that was held goes on, and does not begin anew (ArduPilot with MIS_RESTART)."""
+        if self._landing or self._flight.replaced or self._phase not in (_P.FLYING, _P.HOLDING, _P.TAKING_OFF):
+            return
+        if self._flight.begins_anew():
+            self._procedure = None  # it flies to where it was, on a way that nobody has checked
+            self._fail(f"the mission began anew when it was to go on: it is at item {self.watch.current}")
+
     def _cancel(self, t_ns: int, reason: str) -> List[Message]:
         """Give a takeoff up that did not begin: disarm; an arming may be under way, unseen."""
         sent = self._land(t_ns, _NO_TAKEOFF)
@@ -586,6 +612,7 @@ class Standing(NamedTuple):
         lost: the local position is needed for a takeoff, and is not there.
         landing: why the vehicle is landed, whatever else is asked for, in words; empty: it is not.
         other: what the autopilot node commands; empty: nothing.
+        restarts: its mission would begin anew after a hold.
     """
 
     watch: VehicleWatch
@@ -595,6 +622,7 @@ class Standing(NamedTuple):
     lost: bool
     landing: str = ""
     other: str = ""
+    restarts: bool = False
 
 
 def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
@@ -636,4 +664,6 @@ def _unfit(standing: Standing, action: MissionAction) -> str:
         return f"the vehicle lands (mode {watch.mode})"
     if takes_off and standing.other:
         return f"the autopilot node commands {standing.other}"
+    if takes_off and standing.restarts:
+        return BEGINS_ANEW
     return "there is no fresh local position" if takes_off and standing.lost else ""

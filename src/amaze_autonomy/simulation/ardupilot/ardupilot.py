@@ -30,6 +30,7 @@ _PARAMETERS = {
     "DISARM_DELAY": 10,
     "FS_EKF_ACTION": 1,
     "FS_THR_ENABLE": 1,
+    "MIS_RESTART": 0,
     "SIM_GPS_DISABLE": 0,
 }
 _EKF_GOOD, _EKF_LOST = 0x33F, 0xA7  # attitude, velocity, position; constant position
@@ -69,6 +70,7 @@ class ArduPilot(Px4):
 
     def advance(self, t_ns: int) -> List[Tuple[str, Any]]:
         """As PX4, and with each change of the mode a heartbeat."""
+        self.craft.restarts = int(self.parameters["MIS_RESTART"]) != 0
         if self._shown != self.craft.mode:
             changed, self._shown = bool(self._shown), self.craft.mode
             for link in self._links.values() if changed else ():

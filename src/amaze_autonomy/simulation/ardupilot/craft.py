@@ -139,6 +139,7 @@ class ArduCraft(Craft):
         super().__init__(settings, t_ns, geography)
         self.mode = self.intended = STABILIZE
         self.started = False
+        self.restarts = False  # MIS_RESTART: its mission begins anew whenever it enters AUTO
         self._heading_rad: Optional[float] = None
         self._way_rad: Optional[float] = None
 
@@ -158,7 +159,7 @@ class ArduCraft(Craft):
 
     def fall_into(self, mode: str) -> None:
         """Enter a mode, whoever wants it."""
-        if mode == Mode.MISSION and self.current == 0:
+        if mode == Mode.MISSION and (self.current == 0 or (self.restarts and self.mode != mode)):
             self.set_current(0)
         if mode != Mode.MISSION:
             self.started, self._heading_rad = False, None
