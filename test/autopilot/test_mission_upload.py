@@ -251,6 +251,9 @@ class Forgetful(Vehicle):
         ("z", 2.52, "item 2 came back with z 2.52 instead of 2.5"),
         ("param1", 0.0, "item 2 came back with param1 0 instead of 0.5"),
         ("param4", 12.0, "item 2 came back with param4 12 instead of 0"),
+        ("param2", 2.0, "item 2 came back with param2 2 instead of 0.5"),
+        ("param3", 1.0, "item 2 came back with param3 1 instead of 0"),
+        ("autocontinue", 0, "item 2 came back with autocontinue 0 instead of 1"),
         ("command", 17, "item 2 came back with command 17 instead of 16"),
         ("frame", 0, "item 2 came back in frame 0"),
     ],
@@ -264,6 +267,21 @@ def test_what_came_back_otherwise_is_named_and_sent_again(field, value, reason):
     assert upload.reason == reason
     channel.run(lambda: upload.over, 8 * S)
     assert (upload.phase, on_vehicle(vehicle)) == (UploadPhase.DONE, EXPECTED)
+
+
+def test_an_ardupilot_keeps_neither_radii_nor_autocontinue():
+    mission = items(Dialect.ARDUPILOT)
+    read = mission[3].message(3, TARGET)
+    read.param2, read.param3, read.autocontinue = 0.0, 1.0, 0
+    assert difference(mission, 3, read, Dialect.ARDUPILOT) == ""
+
+
+@pytest.mark.parametrize("dialect, reason", [(Dialect.PX4, "item 4 came back in frame 0"), (Dialect.ARDUPILOT, "")])
+def test_px4_keeps_the_frame_of_a_landing_and_an_ardupilot_may_forget_it(dialect, reason):
+    mission = items(dialect)
+    read = mission[-1].message(len(mission) - 1, TARGET)
+    read.frame = 0
+    assert difference(mission, len(mission) - 1, read, dialect) == reason
 
 
 def test_rounding_by_the_autopilot_is_no_difference():

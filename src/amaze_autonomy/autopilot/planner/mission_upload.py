@@ -40,7 +40,7 @@ _FRAMES = {_FRAME: 3, 3: 3}  # with and without _INT in its name is the same
 _DEGREES = 1e7
 _TAKEOFF, _WAYPOINT, _LAND = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_LAND
 _TURN = mavlink.MAV_CMD_CONDITION_YAW
-_NOWHERE = (_LAND, _TURN)  # commands whose frame an autopilot may forget
+_NOWHERE = (_LAND, _TURN)  # commands whose frame ArduPilot may forget
 
 
 class Dialect(enum.Enum):
@@ -175,7 +175,10 @@ _KEPT: Tuple[Tuple[str, Mapping[Dialect, _Same]], ...] = (
     ("x", {Dialect.PX4: _within(2), Dialect.ARDUPILOT: _within(2)}),  # a double of degrees
     ("y", {Dialect.PX4: _within(2), Dialect.ARDUPILOT: _within(2)}),
     ("z", {Dialect.PX4: _within(0.01), Dialect.ARDUPILOT: _within(0.011)}),  # a float; centimetres
+    ("autocontinue", {Dialect.PX4: _whole, Dialect.ARDUPILOT: _anything}),
     ("param1", {Dialect.PX4: _within(0.01), Dialect.ARDUPILOT: _within(0.01)}),
+    ("param2", {Dialect.PX4: _within(0.01), Dialect.ARDUPILOT: _anything}),
+    ("param3", {Dialect.PX4: _within(0.01), Dialect.ARDUPILOT: _anything}),
     ("param4", {Dialect.PX4: lambda sent, read: _turned(sent, read) <= 0.1, Dialect.ARDUPILOT: _anything}),  # noqa: PLR2004 - degrees; not kept
 )
 
@@ -194,7 +197,8 @@ def difference(items: Sequence[MissionItem], number: int, read: Message, dialect
     """Return how an item that was read back differs from what was sent; empty when it does not."""
     if number < dialect.value:
         return ""
-    if _FRAMES.get(read.frame) is None and read.command not in _NOWHERE:
+    forgets = dialect is Dialect.ARDUPILOT and read.command in _NOWHERE
+    if _FRAMES.get(read.frame) is None and not forgets:
         return f"item {number} came back in frame {read.frame}"
     sent = items[number].message(number, (0, 0))
     for field, kept in _KEPT_OF_TURN if sent.command == _TURN else _KEPT:
