@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from amaze_autonomy.autopilot.planner.guidance import Guidance
+from amaze_autonomy.autopilot.planner.guidance import Climb, Guidance
 from amaze_autonomy.autopilot.planner.mission_vehicle import Pose
 from amaze_autonomy.missions import FlightModel, PlannerSpec, Waypoint
 
@@ -17,6 +17,7 @@ MODEL = FlightModel(cruise_speed_m_s=2.0, climb_speed_m_s=1.0, descent_speed_m_s
 SPEC = PlannerSpec()
 ORIGIN = (10.0, -5.0, 0.5)
 TARGET = (1, 1)
+CLIMB = Climb(1.0, 1.0)
 BY_POSITION, BY_VELOCITY = 0x9F8, 0xDC7  # what is ignored
 
 
@@ -25,7 +26,7 @@ def pose(x, y, z, speed=0.0, t_ns=0):
 
 
 def guidance(*waypoints, start=ORIGIN):
-    made = Guidance(waypoints, ORIGIN, 1.0, MODEL, SPEC, pose(*start), 0.0, TARGET)
+    made = Guidance(waypoints, ORIGIN, CLIMB, MODEL, SPEC, pose(*start), 0.0, TARGET)
     made.flying = True
     return made
 
@@ -80,6 +81,17 @@ def test_it_climbs_straight_up_then_flies_each_leg_then_is_finished():
     follower.until(lambda: guided.finished)
     assert follower.at == pytest.approx((13.0, -1.0, 2.5))
     assert guided.reached == 2
+
+
+def test_the_climb_is_over_at_its_height_and_not_a_radius_below():
+    low = Waypoint(3.0, 0.0, 0.6, 0.0, 0.0)
+    guided = Guidance((low,), ORIGIN, Climb(goal_m=1.2, over_m=1.1), MODEL, SPEC, pose(*ORIGIN), 0.0, TARGET)
+    guided.flying = True
+    x, y, z = ORIGIN
+    points = [place(guided.step(number * STEP_NS, pose(x, y, z + 1.05), None)) for number in range(1, 200)]
+    assert (guided.climbing, points[-1]) == (True, pytest.approx((x, y, z + 1.2)))
+    guided.step(200 * STEP_NS, pose(x, y, z + 1.12), None)
+    assert not guided.climbing
 
 
 @pytest.mark.parametrize("up_m", [1.7, -0.7])
@@ -192,7 +204,7 @@ def test_a_pose_that_jumps_is_not_followed():
 def test_a_vehicle_that_lags_on_a_leg_faster_than_its_cruise_has_not_jumped(climb_m_s, descent_m_s):
     model = FlightModel(0.5, climb_speed_m_s=climb_m_s, descent_speed_m_s=descent_m_s, acceleration_m_s2=9.0)
     waypoints = (Waypoint(0.0, 0.0, 13.0, 0.0, 0.0), Waypoint(0.0, 0.0, 1.0, 0.0, 0.0))
-    guided = Guidance(waypoints, ORIGIN, 1.0, model, SPEC, pose(*ORIGIN), 0.0, TARGET)
+    guided = Guidance(waypoints, ORIGIN, CLIMB, model, SPEC, pose(*ORIGIN), 0.0, TARGET)
     guided.flying = True
     follower = Follower(guided)
     follower.until(lambda: guided.reached == (1 if descent_m_s > climb_m_s else 0) and not guided.climbing)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from random import Random
 
 import pytest
@@ -10,11 +11,13 @@ from flying import ARDUPILOT, BACK, LINE, MS, PLANS, PX4, Flying, S, plan
 from mission_channel import good
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
-from amaze_autonomy.autopilot.planner.loading import LoadRequest
+from amaze_autonomy.autopilot.planner.loading import LoadRequest, climb_of, takeoff_item_m
+from amaze_autonomy.autopilot.planner.mission_upload import Dialect
 from amaze_autonomy.autopilot.planner.mission_vehicle import AIRBORNE, VehicleWatch
 from amaze_autonomy.engine.commands import AnswerKind, MissionAction
 from amaze_autonomy.engine.decide import ANSWERS
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, UserCommand
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.missions import Controller, Frame, Home, Trajectory, Waypoint
 
@@ -193,6 +196,38 @@ def test_several_files_and_repetitions_with_touchdowns_between(mission):
         WHOLE[:1] if mission == "both" else []
     )  # a mission takes a moment to be sent; set-points are not sent before
     assert flying.phases == WHOLE + (sending + WHOLE[1:]) * 3
+
+
+LOW = Trajectory("low.csv", tuple(Waypoint(2.0 * number, 0.0, z, 0.0, 0.0) for number, z in enumerate((1.0, 0.6, 0.6))))
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("controller", list(Controller))
+def test_a_file_that_begins_at_the_takeoff_height_and_goes_lower_reaches_it_first(controller, kind):
+    """The engine waits for that very height, and lands out of a climb that never reaches it."""
+    flying = Flying(plans=(plan("low", (LOW,), controller),), kind=kind)
+    flying.take_off("low")
+    begun = []
+    flying.until(lambda: begun.append(flying.craft.height_m) or flying.phase is P.FLYING)
+    assert max(begun) > 1.05
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
+@pytest.mark.parametrize(
+    "own_m, limit_m, climb, items_m",
+    [
+        (None, 30.0, (1.2, 1.1), (2.0, 1.5)),
+        (1.5, 30.0, (1.2, 1.1), (1.25, 1.25)),
+        (None, 1.2, (1.1, 1.05), (1.1, 1.1)),
+    ],
+)
+def test_a_climb_passes_the_takeoff_height_and_stays_below_the_height_limit(own_m, limit_m, climb, items_m):
+    line = plan("line", (LINE,), Controller.MISSION)
+    line = replace(line, mission=replace(line.mission, max_height_m=own_m))
+    limits = Limits(takeoff_height_m=1.0, max_height_m=limit_m)
+    assert climb_of(line, limits) == pytest.approx(climb)
+    assert [takeoff_item_m(line, limits, dialect) for dialect in Dialect] == pytest.approx(items_m)
 
 
 def drifted(flying, up_m):

@@ -12,7 +12,7 @@ that was still on the ground would be descended to.
 from __future__ import annotations
 
 import math
-from typing import Optional, Sequence, Tuple
+from typing import NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.missions import FlightModel, PlannerSpec, Waypoint
 
@@ -34,13 +34,25 @@ _FAR_LEADS = 2.0  # further from its point than so many leads the vehicle is not
 _THERE_M = 1e-6
 
 
+class Climb(NamedTuple):
+    """The climb of a takeoff, in metres above where it takes off.
+
+    Args:
+        goal_m: where the point leads; above the height that is waited for, since no vehicle hovers exactly.
+        over_m: the climb is over here, and not below.
+    """
+
+    goal_m: float
+    over_m: float
+
+
 class Guidance:
     """Leads the vehicle up, along the waypoints, and on to the end of the last hold.
 
     Args:
         waypoints: of one file, east and north of the origin, heights above where it takes off.
         origin: position of the mission's first takeoff in the estimator's frame (ENU).
-        takeoff_height_m: of the climb.
+        climb: how high it leads, and when that is over.
         model: speeds.
         spec: radius, tolerance, limits.
         pose: where it takes off.
@@ -52,7 +64,7 @@ class Guidance:
         self,
         waypoints: Sequence[Waypoint],
         origin: Vector,
-        takeoff_height_m: float,
+        climb: Climb,
         model: FlightModel,
         spec: PlannerSpec,
         pose: Pose,
@@ -61,7 +73,8 @@ class Guidance:
     ) -> None:
         self.origin, self._target = (origin[0], origin[1], pose.position_m[2]), target  # as a mission's: above home
         self._model, self._spec = model, spec
-        start = Waypoint(pose.position_m[0] - origin[0], pose.position_m[1] - origin[1], takeoff_height_m, 0.0, 0.0)
+        self._over_m = self.origin[2] + climb.over_m
+        start = Waypoint(pose.position_m[0] - origin[0], pose.position_m[1] - origin[1], climb.goal_m, 0.0, 0.0)
         self._yaw = waypoints[0].yaw_rad if yaw_rad is None else yaw_rad
         self._goals = (_with_yaw(start, self._yaw), *waypoints)
         self._number = 0  # of the goals; 0 is the climb
@@ -205,6 +218,7 @@ class Guidance:
         if self._leave_ns is None:
             turned = yaw_rad is None or abs(_angle(waypoint.yaw_rad - yaw_rad)) <= self._spec.heading_tolerance_rad
             near = math.dist(pose.position_m, goal) <= self._spec.acceptance_radius_m
+            near = near and (not self.climbing or pose.position_m[2] >= self._over_m)
             if not (near and turned and math.dist(self._at, goal) <= _THERE_M):
                 return
             self._leave_ns = t_ns + round(waypoint.hold_s * _S)

@@ -10,15 +10,38 @@ import math
 from dataclasses import dataclass, field
 from typing import List, NamedTuple, Optional, Tuple
 
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, Frame, Home, MissionPlan, PlannerSpec, Trajectory
 
 from ..link.dialect import Message
-from .mission_upload import MissionUpload, UploadPhase, mission_items
+from .guidance import Climb
+from .mission_upload import Dialect, MissionUpload, UploadPhase, mission_items
 from .mission_vehicle import RESTART, VehicleWatch
 
 BEGINS_ANEW = f"{RESTART} of the ArduPilot is 1: a mission that is held would begin anew; set it to 0"
 """Why no mission is flown by such an autopilot."""
+_ABOVE_M = 0.2  # of the height that is waited for: no vehicle hovers exactly
+#: so far below the height of a takeoff item it is done with: PX4 by NAV_MC_ALT_RAD, ArduPilot still climbing slowly
+_DONE_BELOW_M = {Dialect.PX4: 0.8, Dialect.ARDUPILOT: 0.3}
 _SAME_BOOT_NS = 5_000_000_000  # how far two readings of the same start may lie apart
+
+
+def climb_of(plan: MissionPlan, limits: Limits) -> Climb:
+    """Return the climb of a takeoff by set-points: it passes the height that the engine waits for."""
+    goal_m = _passing_m(plan, limits, _ABOVE_M)
+    return Climb(goal_m, (goal_m + limits.takeoff_height_m) / 2.0)
+
+
+def takeoff_item_m(plan: MissionPlan, limits: Limits, dialect: Dialect) -> float:
+    """Return the height of a takeoff item with which the autopilot is done above the one that the engine waits for."""
+    return _passing_m(plan, limits, _ABOVE_M + _DONE_BELOW_M[dialect])
+
+
+def _passing_m(plan: MissionPlan, limits: Limits, above_m: float) -> float:
+    """Return the takeoff height and so much more, at most half way to the height at which the flight is ended."""
+    most_m = limits.max_height_m if plan.mission.max_height_m is None else plan.mission.max_height_m
+    lowest_m = limits.takeoff_height_m
+    return lowest_m + max(0.0, min(above_m, (most_m - lowest_m) / 2.0))
 
 
 class LoadRequest(NamedTuple):
@@ -67,7 +90,7 @@ class Loading:
         plan: the mission; None: there is none.
         origin: of the session, where it is known.
         readiness: of the vehicle.
-        takeoff_height_m: of the climb.
+        limits: of the engine: the height of the climb.
         t_ns: now.
     """
 
@@ -77,11 +100,11 @@ class Loading:
         plan: Optional[MissionPlan],
         origin: Optional[Origin],
         readiness: Readiness,
-        takeoff_height_m: float,
+        limits: Limits,
         t_ns: int,
     ) -> None:
         self.request, self.origin, self.seen = request, origin, False
-        self._plan, self._readiness, self._takeoff_height_m = plan, readiness, takeoff_height_m
+        self._plan, self._readiness, self._limits = plan, readiness, limits
         self._upload: Optional[MissionUpload] = None
         self._accepted = False
         self._heading_rad = 0.0  # at the takeoff, for a file that counts from it
@@ -141,9 +164,8 @@ class Loading:
         home = self.origin.home if self.origin else None
         assert place is not None  # noqa: S101 - both were looked at
         assert home is not None  # noqa: S101
-        items = mission_items(
-            self.trajectory, home, place, self._takeoff_height_m, spec.acceptance_radius_m, watch.dialect
-        )
+        climb_m = takeoff_item_m(self._plan, self._limits, watch.dialect)
+        items = mission_items(self.trajectory, home, place, climb_m, spec.acceptance_radius_m, watch.dialect)
         self._upload = MissionUpload(
             items, watch.target, t_ns, spec.message_retry_ns, spec.transfer_limit_ns, watch.dialect
         )

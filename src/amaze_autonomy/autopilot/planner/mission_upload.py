@@ -97,7 +97,7 @@ class MissionItem:
 
 
 def mission_items(
-    trajectory: Trajectory, home: Home, start: Place, takeoff_height_m: float, radius_m: float, dialect: Dialect
+    trajectory: Trajectory, home: Home, start: Place, climb_m: float, radius_m: float, dialect: Dialect
 ) -> Tuple[MissionItem, ...]:
     """Return the items of one flight.
 
@@ -105,7 +105,7 @@ def mission_items(
         trajectory: its waypoints.
         home: origin of the waypoints.
         start: where it takes off.
-        takeoff_height_m: of the climb.
+        climb_m: height of the takeoff item.
         radius_m: of acceptance.
         dialect: of the autopilot.
     """
@@ -123,7 +123,7 @@ def mission_items(
     )
     if dialect is Dialect.ARDUPILOT:
         waypoints = tuple(item for waypoint in waypoints for item in (_turn(waypoint), waypoint))
-    takeoff = MissionItem(_TAKEOFF, *_integers(start), takeoff_height_m)
+    takeoff = MissionItem(_TAKEOFF, *_integers(start), climb_m)
     land = MissionItem(_LAND, *_integers(places[-1]), 0.0)
     place_holder = MissionItem(_WAYPOINT, *_integers(start), 0.0)
     return (*(place_holder,) * dialect.value, takeoff, *waypoints, land)

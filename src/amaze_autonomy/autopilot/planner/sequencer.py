@@ -25,7 +25,7 @@ from ..vehicle.asked import Rates
 from ..vehicle.modes import LAND, LANDING_MODES, is_foreign
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
-from .loading import BEGINS_ANEW, Loading, LoadRequest, Origin, Readiness
+from .loading import BEGINS_ANEW, Loading, LoadRequest, Origin, Readiness, climb_of
 from .mission_upload import UPLOAD_MESSAGES, Dialect, MissionUpload, UploadPhase, beginning
 from .mission_vehicle import OFFBOARD, RESTART, STREAMS, TAKEN, Pose, VehicleWatch
 from .procedure import Means, Procedure, Progress, steps_of
@@ -195,7 +195,7 @@ class Sequencer:
         disarming = self._landing if self._procedure is not None and self._procedure.running else ""
         readiness = Readiness(self.watch, self._spec, in_flight, self._wall(), disarming)
         origin = self._origin if self._origin and self._origin.session_id == request.session_id else None
-        loading = Loading(request, plan, origin, readiness, self._settings.limits.takeoff_height_m, t_ns)
+        loading = Loading(request, plan, origin, readiness, self._settings.limits, t_ns)
         if loading.refused:
             return loading, ()
         if given is not None:
@@ -309,11 +309,10 @@ class Sequencer:
         self._verification = self._loading.verification(t_ns) if self._loading else None
         pose, origin, loading = self._pose(t_ns), self._origin, self._loading
         if self._controller is Controller.OFFBOARD and pose and origin and origin.local and loading:
-            waypoints, height = loading.trajectory.waypoints, self._settings.limits.takeoff_height_m
             self._flight.guidance = Guidance(
-                waypoints,
+                loading.trajectory.waypoints,
                 origin.local,
-                height,
+                climb_of(self._plans[loading.request.mission_id], self._settings.limits),
                 self._settings.model,
                 self._spec,
                 pose,

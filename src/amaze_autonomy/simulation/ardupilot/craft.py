@@ -134,6 +134,7 @@ class ArduCraft(Craft):
 
     after_takeoff = GUIDED
     home_items = 1
+    takeoff_radius_m = 0.0
 
     def __init__(self, settings: VehicleSettings, t_ns: int = 0, geography: Optional[Geography] = None) -> None:
         super().__init__(settings, t_ns, geography)

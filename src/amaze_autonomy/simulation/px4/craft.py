@@ -22,6 +22,7 @@ from .wire import DESCEND, OFFBOARD
 _S = 1_000_000_000
 _NEAR_M = 0.01
 _STICKS_FREE_M_S = 0.5  # how fast it sinks in POSCTL without a transmitter, as recorded
+_TAKEOFF_RADIUS_M = 0.8  # NAV_MC_ALT_RAD: recorded, an item of 10 m was done with at 9.2 to 9.4 m
 _NO_ARMING = (Mode.LAND, Mode.RTL, DESCEND)
 _MISSION_DISARM_NS = _S // 20
 
@@ -52,6 +53,7 @@ class Craft(Vehicle):
 
     after_takeoff = Mode.LOITER
     home_items = 0  # with which its missions begin
+    takeoff_radius_m = _TAKEOFF_RADIUS_M  # so far below its height a takeoff item is done with
 
     def __init__(self, settings: VehicleSettings, t_ns: int = 0, geography: Optional[Geography] = None) -> None:
         super().__init__(settings, t_ns)
@@ -273,13 +275,13 @@ class Craft(Vehicle):
     def _leg_to(self, task: Task) -> Leg:
         """Fly to an item; a takeoff goes straight up."""
         x, y = task.across if task.across and task.what != "takeoff" else self.position_m[:2]
-        up = self.position_m[2] if task.up_m is None else task.up_m
+        up = self.position_m[2] if task.up_m is None else self._done_m(task)
         height = max(_NEAR_M, min(up, max(self.flags.stops_climbing_at_m, self.height_m)))
         yaw = self.yaw_rad if task.yaw_rad is None else task.yaw_rad
         return flight(self.position_m, self.yaw_rad, Waypoint(x, y, height, yaw, 0.0), self.settings.model, self.t_ns)
 
     def _arrive(self, task: Task) -> None:
-        if task.what == "takeoff" and self.height_m < (task.up_m or 0.0) - _NEAR_M:
+        if task.what == "takeoff" and self.height_m < self._done_m(task) - _NEAR_M:
             self._leave_at = None  # it does not get there; it tries on
             self._stay(self.t_ns + _S // 10)
             return
@@ -293,6 +295,11 @@ class Craft(Vehicle):
             self._leave_at = self.t_ns + round(task.hold_s * _S)
         else:
             self._next(took_off=task.what == "takeoff")
+
+    def _done_m(self, task: Task) -> float:
+        """Return the height at which it is done with an item: a takeoff is over a little below its own."""
+        below_m = self.takeoff_radius_m if task.what == "takeoff" else 0.0
+        return max(_NEAR_M, (task.up_m or 0.0) - below_m)
 
     def _next(self, *, took_off: bool = False) -> None:
         """Be done with an item."""
