@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from unittest.mock import Mock
 
 import pytest
 
@@ -120,6 +121,82 @@ def test_a_full_disk_costs_no_line(tmp_path, journal, monkeypatch):
     journal.flush(force=True)
     assert (journal.problem, journal.gap) == ("", False)
     assert lines(tmp_path) == [HEADER, "a" * 8, "b" * 8, "c", ""]
+
+
+class AlmostFullDisk(FullDisk):
+    """Takes so many bytes more in pieces of a few, then says that it is full."""
+
+    def write(self, descriptor, data):
+        return super().write(descriptor, data[:3])
+
+
+def test_a_disk_that_takes_a_line_in_many_pieces_has_it_whole(tmp_path, journal, monkeypatch):
+    AlmostFullDisk(monkeypatch, 1000)
+    journal.append("a" * 20)
+    journal.flush()
+    journal.append("b")
+    journal.flush()
+    assert (journal.problem, lines(tmp_path)) == ("", [HEADER, "a" * 20, "b", ""])
+
+
+def test_a_disk_that_is_full_within_a_line_leaves_no_half_one_before_the_next(tmp_path, journal, monkeypatch):
+    disk = AlmostFullDisk(monkeypatch, 7)
+    journal.append("a" * 20)
+    journal.flush()
+    assert "No space left" in journal.problem
+    assert lines(tmp_path) == [HEADER, ""]
+    disk.free = 1000
+    journal.append("b")
+    journal.flush(force=True)
+    assert (journal.problem, lines(tmp_path)) == ("", [HEADER, "a" * 20, "b", ""])
+
+
+def test_a_disk_that_takes_nothing_and_says_nothing_is_full(tmp_path, journal, monkeypatch):
+    monkeypatch.setattr(run_folder.os, "write", lambda *_: 0)
+    journal.append("a")
+    journal.flush()
+    assert "No space left" in journal.problem
+    assert lines(tmp_path) == [HEADER, ""]
+
+
+def test_a_half_line_that_cannot_be_taken_back_is_before_the_next_is_written(tmp_path, journal, monkeypatch):
+    disk = FullDisk(monkeypatch, 7)
+    journal.append("a" * 20)
+    with monkeypatch.context() as patched:
+        patched.setattr(run_folder.os, "ftruncate", Mock(side_effect=OSError(errno.EIO, "Input/output error")))
+        journal.flush()
+        assert "Input/output error" in journal.problem
+        disk.free = 1000
+        journal.flush(force=True)
+        assert "Input/output error" in journal.problem, "behind half a line nothing is written"
+    assert lines(tmp_path) == [HEADER, "a" * 7]
+    journal._kept, journal._kept_bytes = [b"b\n"], 2  # as where so much was kept that it had to go
+    journal.flush(force=True)
+    assert (journal.problem, lines(tmp_path)) == ("", [HEADER, "b", ""])
+
+
+def test_half_a_line_is_not_taken_along_to_another_place(tmp_path, monkeypatch):
+    for name in ("run", "other"):
+        (tmp_path / name).mkdir()
+    journal = create(tmp_path / "run", HEADER, lambda: [tmp_path / "other"])
+    disk = FullDisk(monkeypatch, 7)
+    journal.append("a" * 20)
+    with monkeypatch.context() as patched:
+        patched.setattr(run_folder.os, "ftruncate", Mock(side_effect=OSError(errno.EIO, "Input/output error")))
+        journal.flush()
+        disk.free = 1000
+        shutil.rmtree(tmp_path / "run")
+        assert journal.follow()
+        journal.flush(force=True)
+    journal.close()
+    assert lines(tmp_path / "other") == [HEADER, "a" * 20, ""]
+
+
+def test_a_header_that_does_not_fit_on_the_disk_is_one_clear_error(tmp_path, monkeypatch):
+    FullDisk(monkeypatch, 5)
+    with pytest.raises(StartError, match="No space left on device; name another folder with --output"):
+        create(tmp_path, HEADER, Place().elsewhere)
+    assert not (tmp_path / "journal.jsonl").exists()
 
 
 def test_it_does_not_try_a_full_disk_at_every_line(tmp_path, journal, monkeypatch):

@@ -7,6 +7,7 @@ where that went on when its folder was removed.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
@@ -398,7 +399,7 @@ class JournalFile:
         self._kept_bytes = 0
         self._synced_s = self._retry_s = 0.0
         self._asked_s: Optional[float] = None
-        self._dirty = False
+        self._dirty = self._torn = False
 
     @property
     def problem(self) -> str:
@@ -444,27 +445,32 @@ class JournalFile:
         data = b"".join(self._kept)
         self._asked_s = time.monotonic()
         try:
-            written = os.write(self._descriptor, data)
-            if written < len(data):
-                written += os.write(self._descriptor, data[written:])
+            if self._torn:
+                self._take_back()
+            _write_all(self._descriptor, data)
         except OSError as error:
             self._failed(error)
             return
         finally:
             self._asked_s = None
-        self._good += written
+        self._good += len(data)
         self._kept, self._kept_bytes = [], 0
         self._dirty, self._problem = True, ""
 
     def _failed(self, error: OSError) -> None:
-        """Take back half-written lines, so that the file ends with a whole one."""
         self._problem = f"{self.path}: {error.strerror or error}"
         self._retry_s = time.monotonic() + _RETRY_PERIOD_S
+        self._torn = True
         try:
-            os.ftruncate(self._descriptor, self._good)
-            os.lseek(self._descriptor, self._good, os.SEEK_SET)
+            self._take_back()
         except OSError as again:
             self._problem = f"{self.path}: {again.strerror or again}"
+
+    def _take_back(self) -> None:
+        """Take back half-written lines, so that the file ends with a whole one."""
+        os.ftruncate(self._descriptor, self._good)
+        os.lseek(self._descriptor, self._good, os.SEEK_SET)
+        self._torn = False
 
     def follow(self) -> bool:
         """Go on elsewhere when the file was removed or moved; return whether it was. What was written goes along."""
@@ -512,14 +518,15 @@ class JournalFile:
                 piece = os.pread(self._descriptor, min(_PIECE, self._good - place), place)
                 if not piece:
                     break
-                place += os.write(descriptor, piece)
+                _write_all(descriptor, piece)
+                place += len(piece)
             _lock(descriptor, path)
         except (OSError, StartError):
             os.close(descriptor)
             path.unlink()
             raise
         os.close(self._descriptor)
-        self._descriptor, self._good = descriptor, place
+        self._descriptor, self._good, self._torn = descriptor, place, False
         self._dirty, self._synced_s, self._new_in = True, 0.0, path.parent
 
     def sync(self) -> None:
@@ -539,6 +546,20 @@ class JournalFile:
         os.close(self._descriptor)
 
 
+def _write_all(descriptor: int, data: bytes) -> None:
+    """Write all of it: a disk that is almost full takes a part, and says only the next time that it is full.
+
+    Raises:
+        OSError: It cannot be written; a part may have been.
+    """
+    rest = memoryview(data)
+    while rest:
+        taken = os.write(descriptor, rest)
+        if not taken:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        rest = rest[taken:]
+
+
 def _identity(descriptor: int) -> Tuple[int, int]:
     found = os.fstat(descriptor)
     return found.st_dev, found.st_ino
@@ -555,7 +576,7 @@ def create(folder: Path, header: str, elsewhere: Elsewhere) -> JournalFile:
         with suppress(FileNotFoundError):
             half.unlink()  # of a process that was killed, with a mode of its own
         descriptor = os.open(half, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _MODE)
-        os.write(descriptor, header.encode() + b"\n")
+        _write_all(descriptor, header.encode() + b"\n")
         os.fsync(descriptor)
         _lock(descriptor, path)
         half.replace(path)
