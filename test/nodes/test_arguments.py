@@ -252,7 +252,7 @@ CASES = {
         {"bag": f"{PLACE}.bag", "received": PLACE},
         {
             **dict.fromkeys(("watchdog", "landing_detection", "state_estimation"), CONFIGURED),
-            "autonomy": {**CONFIGURED, "require_go": "", "output": "", "runs": ""},
+            "autonomy": {**CONFIGURED, "require_go": "", "output": "", "runs": "/ros_home/amaze_autonomy/played"},
             "recorded_peers": {"bag": f"{PLACE}.bag", "result": PLACE},
         },
     ),

@@ -17,7 +17,7 @@ from amaze_autonomy.engine.events import WatchdogAction
 from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.journal.journal import DeltaEncoder, read
 from amaze_autonomy.nodes.autonomy import run_folder
-from amaze_autonomy.nodes.autonomy.run_folder import Place, create, reopen
+from amaze_autonomy.nodes.autonomy.run_folder import Place, create, go_on, open_locked
 from amaze_autonomy.ros.errors import StartError
 
 HEADER = '{"kind":"header"}'
@@ -68,7 +68,7 @@ def test_it_goes_on_after_the_last_whole_line(tmp_path, journal):
     journal.close()
     with (tmp_path / "journal.jsonl").open("a") as file:
         file.write('{"half')
-    again = reopen(tmp_path / "journal.jsonl", Place().elsewhere)
+    again = go_on(journal.path, open_locked(journal.path), Place().elsewhere)
     assert again.append("b") == 2
     again.close()
     assert lines(tmp_path) == [HEADER, "a", "b", ""]
@@ -80,7 +80,7 @@ def test_two_nodes_do_not_write_one_journal(tmp_path):
     program = "import sys; from pathlib import Path; from amaze_autonomy.nodes.autonomy import run_folder as j\n"
     program += "j._lock.__defaults__ = (0.1,)\n"
     program += "from amaze_autonomy.ros.errors import StartError\n"
-    program += "try: j.reopen(Path(sys.argv[1]), j.Place().elsewhere)\nexcept StartError as error: print(error)\n"
+    program += "try: j.open_locked(Path(sys.argv[1]))\nexcept StartError as error: print(error)\n"
     command = [sys.executable, "-c", program, str(tmp_path / "journal.jsonl")]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     assert "is written by another node" in done.stdout

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import threading
 from dataclasses import replace
-from unittest.mock import Mock
+from types import SimpleNamespace
+from unittest.mock import Mock, patch
 
 import pytest
 
@@ -17,6 +19,7 @@ from launched import launched
 from amaze_autonomy.engine.events import EngineStarted, Tick
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.journal import journal as codec
+from amaze_autonomy.nodes.autonomy import node as engine_node
 from amaze_autonomy.nodes.autonomy import run_folder
 from amaze_autonomy.nodes.autonomy.run_folder import Place
 from amaze_autonomy.ros.errors import StartError
@@ -30,6 +33,14 @@ def write_journal(folder, boot_id=None, more="", place=None, **facts):
     text = "".join(line + "\n" for line in [codec.encode_header(header), *map(codec.encode_event, EVENTS)])
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "journal.jsonl").write_text(text + more)
+
+
+def found_in(place):
+    """Return what an engine that is started there goes on with; nobody holds it then."""
+    found = run_folder.find_unfinished(place)
+    if found is not None:
+        found.journal.close()
+    return found
 
 
 @pytest.fixture
@@ -81,7 +92,7 @@ def test_a_folder_that_cannot_be_made_is_one_clear_error(tmp_path):
 
 def test_a_journal_without_an_end_is_found_with_its_events(tmp_path):
     write_journal(tmp_path, more='{"half')
-    found = run_folder.find_unfinished(Place(str(tmp_path)))
+    found = found_in(Place(str(tmp_path)))
     assert (found.path, found.events, found.last_ns) == (tmp_path / "journal.jsonl", EVENTS, 9)
     assert found.header["hash"] == "hash"
 
@@ -89,27 +100,27 @@ def test_a_journal_without_an_end_is_found_with_its_events(tmp_path):
 def test_a_run_that_ended_is_not_unfinished(tmp_path):
     write_journal(tmp_path)
     run_folder.write_result(tmp_path, {"in_flight": False})
-    assert run_folder.find_unfinished(Place(str(tmp_path))) is None
+    assert found_in(Place(str(tmp_path))) is None
 
 
 def test_a_run_that_was_ended_in_flight_is(tmp_path):
     write_journal(tmp_path)
     run_folder.write_result(tmp_path, {"in_flight": True})
-    assert run_folder.find_unfinished(Place(str(tmp_path))) is not None
+    assert found_in(Place(str(tmp_path))) is not None
 
 
 def test_a_journal_of_another_boot_is_no_use(tmp_path):
     write_journal(tmp_path, boot_id="another")
-    assert run_folder.find_unfinished(Place(str(tmp_path))) is None
+    assert found_in(Place(str(tmp_path))) is None
 
 
 def test_without_a_named_folder_the_newest_run_counts(home):
     for number, name in enumerate(("b", "a")):
         write_journal(home / name, place=Place())
         os.utime(home / name / "journal.jsonl", (number, number))
-    assert run_folder.find_unfinished(Place()).path == home / "a" / "journal.jsonl"
+    assert found_in(Place()).path == home / "a" / "journal.jsonl"
     run_folder.write_result(home / "a", {"in_flight": False})
-    assert run_folder.find_unfinished(Place()) is None, "an older run is not the one that was interrupted"
+    assert found_in(Place()) is None, "an older run is not the one that was interrupted"
 
 
 def dated(folder, second, **facts):
@@ -121,7 +132,7 @@ def dated(folder, second, **facts):
 def test_a_run_of_another_boot_with_a_later_date_hides_none_of_this_one(home):
     dated(home / "yesterday", 2000, boot_id="another")
     dated(home / "now", 1000)
-    assert run_folder.find_unfinished(Place()).path == home / "now" / "journal.jsonl"
+    assert found_in(Place()).path == home / "now" / "journal.jsonl"
 
 
 @pytest.mark.parametrize("in_flight", [False, True])
@@ -130,14 +141,14 @@ def test_of_runs_of_one_boot_the_last_word_counts_whatever_the_wall_clock_said(h
     dated(home / "last", 1000, clock=run_folder.BOOT_CLOCK, more=codec.encode_event(Tick(t_ns=10)) + '\n{"half')
     run_folder.write_result(home / "first", {"in_flight": not in_flight})
     run_folder.write_result(home / "last", {"in_flight": in_flight})
-    found = run_folder.find_unfinished(Place())
+    found = found_in(Place())
     assert (None if found is None else found.path) == (home / "last" / "journal.jsonl" if in_flight else None)
 
 
 def test_a_journal_of_another_clock_has_no_last_word(home):
     dated(home / "first", 2000, clock="ROS time")
     dated(home / "last", 1000, clock=run_folder.BOOT_CLOCK, more=codec.encode_event(Tick(t_ns=10)) + "\n")
-    assert run_folder.find_unfinished(Place()).path == home / "first" / "journal.jsonl"
+    assert found_in(Place()).path == home / "first" / "journal.jsonl"
 
 
 @pytest.mark.parametrize("newest", [False, True])
@@ -148,9 +159,9 @@ def test_a_journal_that_cannot_be_read_stops_a_start_only_as_the_newest(home, ne
     os.utime(home / "torn" / "journal.jsonl", (1001 if newest else 999,) * 2)
     if newest:
         with pytest.raises(StartError, match="cannot be read"):
-            run_folder.find_unfinished(Place())
+            found_in(Place())
     else:
-        assert run_folder.find_unfinished(Place()).path == home / "now" / "journal.jsonl"
+        assert found_in(Place()).path == home / "now" / "journal.jsonl"
 
 
 def test_a_simulated_run_that_did_not_end_is_none_that_a_flight_goes_on_with(home):
@@ -158,8 +169,8 @@ def test_a_simulated_run_that_did_not_end_is_none_that_a_flight_goes_on_with(hom
     folder = run_folder.make_folder(simulated, "a")
     assert folder == home / "simulated" / "a"
     write_journal(folder, place=simulated)
-    assert run_folder.find_unfinished(simulated).path == folder / "journal.jsonl"
-    assert run_folder.find_unfinished(Place()) is None
+    assert found_in(simulated).path == folder / "journal.jsonl"
+    assert found_in(Place()) is None
 
 
 # --- a run whose folder is removed ------------------------------------------------------------------------------------
@@ -192,15 +203,15 @@ def simulated(home):
 def test_a_simulated_run_whose_folder_is_removed_never_goes_on_among_the_flights(home, simulated):
     folder = Run(simulated).removed()
     assert folder.parent == home / "simulated"
-    assert run_folder.find_unfinished(Place()) is None
-    assert run_folder.find_unfinished(simulated).path == folder / "journal.jsonl"
-    assert run_folder.find_unfinished(simulated).events == EVENTS
+    assert found_in(Place()) is None
+    assert found_in(simulated).path == folder / "journal.jsonl"
+    assert found_in(simulated).events == EVENTS
 
 
 def test_a_run_whose_named_folder_is_removed_goes_on_there_and_is_found_there(tmp_path, home):
     place = Place(str(tmp_path / "out"))
     assert Run(place).removed() == tmp_path / "out"
-    assert run_folder.find_unfinished(place).events == EVENTS
+    assert found_in(place).events == EVENTS
     assert not home.exists(), "nothing lies among the runs"
 
 
@@ -221,44 +232,44 @@ def test_where_the_named_folder_cannot_be_had_again_the_run_is_found_among_its_r
     folder = Run(place).removed(remove)
     assert folder.parent == home / where
     assert folder.name.startswith("removed-")
-    assert run_folder.find_unfinished(place).path == folder / "journal.jsonl"
+    assert found_in(place).path == folder / "journal.jsonl"
     for other in (
         replace(place, output=""),
         replace(place, output=str(tmp_path / "other")),
         replace(place, runs="" if where else str(home / "simulated")),
         replace(place, node="/uav2/autonomy"),
     ):
-        assert run_folder.find_unfinished(other) is None, other
+        assert found_in(other) is None, other
 
 
 def test_a_simulated_run_in_a_named_folder_is_none_that_a_flight_in_it_goes_on_with(tmp_path, simulated):
     in_it = replace(simulated, output=str(tmp_path / "out"))
     Run(in_it).journal.close()
-    assert run_folder.find_unfinished(Place(str(tmp_path / "out"))) is None
-    assert run_folder.find_unfinished(in_it).events == EVENTS
+    assert found_in(Place(str(tmp_path / "out"))) is None
+    assert found_in(in_it).events == EVENTS
 
 
 def test_a_journal_that_does_not_say_whose_it_is_is_not_taken_up(tmp_path, home):
     for folder in (tmp_path / "out", home / "removed-1"):
         write_journal(folder, place=Mock(facts=dict))
-    assert run_folder.find_unfinished(Place(str(tmp_path / "out"))) is None
-    assert run_folder.find_unfinished(Place()) is None
+    assert found_in(Place(str(tmp_path / "out"))) is None
+    assert found_in(Place()) is None
 
 
 def test_what_another_engine_of_this_computer_left_is_not_taken_up(home):
     for number, node in enumerate(("/uav1/autonomy", "/uav2/autonomy")):
         write_journal(home / node[1:5], place=Place(node=node))
         os.utime(home / node[1:5] / "journal.jsonl", (number, number))
-    assert run_folder.find_unfinished(Place(node="/uav1/autonomy")).path == home / "uav1" / "journal.jsonl"
-    assert run_folder.find_unfinished(Place(node="/uav2/autonomy")).path == home / "uav2" / "journal.jsonl"
-    assert run_folder.find_unfinished(Place(node="/uav3/autonomy")) is None
+    assert found_in(Place(node="/uav1/autonomy")).path == home / "uav1" / "journal.jsonl"
+    assert found_in(Place(node="/uav2/autonomy")).path == home / "uav2" / "journal.jsonl"
+    assert found_in(Place(node="/uav3/autonomy")) is None
 
 
 def test_a_run_that_went_on_elsewhere_and_has_ended_is_not_unfinished(tmp_path):
     place = Place(str(tmp_path / "out"))
     folder = Run(place).removed(forbidden)
     run_folder.write_result(folder, {"in_flight": False})
-    assert run_folder.find_unfinished(place) is None
+    assert found_in(place) is None
 
 
 @pytest.mark.parametrize(
@@ -266,6 +277,8 @@ def test_a_run_that_went_on_elsewhere_and_has_ended_is_not_unfinished(tmp_path):
     [
         ((), "", ""),
         (("output:=/data/run",), "", ""),
+        (("runs:=/data/it's",), "/data/it's", ""),
+        (("simulation:=true", "runs:=/data/flights"), "simulated", "simulated/recordings/main"),
         (("simulation:=true",), "simulated", "simulated/recordings/main"),
         (("simulation:=true", "output:=/data/run"), "simulated", "/data/run/recordings/main"),
         (("simulation:=true", "recordings:=/data/all"), "simulated", "/data/all/main"),
@@ -281,17 +294,114 @@ def test_what_is_simulated_never_lies_among_the_flights(given, runs, recordings,
 
 @pytest.mark.usefixtures("home")
 def test_where_nothing_is_nothing_is_found(tmp_path):
-    assert run_folder.find_unfinished(Place()) is None
-    assert run_folder.find_unfinished(Place(str(tmp_path / "nowhere"))) is None
+    assert found_in(Place()) is None
+    assert found_in(Place(str(tmp_path / "nowhere"))) is None
 
 
 def test_a_damaged_journal_is_said(tmp_path):
     write_journal(tmp_path, more="nonsense\n")
     with pytest.raises(StartError, match="cannot be read: line 4: not JSON"):
-        run_folder.find_unfinished(Place(str(tmp_path)))
+        found_in(Place(str(tmp_path)))
 
 
 def test_the_result_is_whole_or_not_there(tmp_path):
     run_folder.write_result(tmp_path, {"b": 1, "a": "x"})
     assert json.loads((tmp_path / "result.json").read_text()) == {"a": "x", "b": 1}
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+# --- what an engine that is started goes on with ----------------------------------------------------------------------
+
+
+def started(place, *, simulated_time=False, configuration_hash="hash"):
+    """Return what the node goes on with, and what it says of it."""
+    said = []
+    parameters = SimpleNamespace(resume=True, output=place.output, runs=place.runs)
+    with patch.multiple(
+        engine_node.rospy, get_name=lambda: place.node, logwarn=said.append, logerr=said.append
+    ), patch.object(engine_node.rospy.rostime, "is_wallclock", lambda: not simulated_time):
+        found = engine_node._unfinished(parameters, SimpleNamespace(hash=configuration_hash))
+    if found is not None:
+        found.journal.close()
+    return found, said
+
+
+@pytest.mark.parametrize("simulated_time", [False, True])
+def test_an_engine_goes_on_only_with_a_journal_on_its_own_clock(tmp_path, simulated_time):
+    """The times of the other are of another world: no limit would ever pass, or all at once."""
+    clocks = ["ROS time", run_folder.BOOT_CLOCK]
+    place = Place(str(tmp_path))
+    for clock in clocks if simulated_time else reversed(clocks):
+        write_journal(tmp_path, clock=clock)
+        found, said = started(place, simulated_time=simulated_time)
+        own = clock == ("ROS time" if simulated_time else run_folder.BOOT_CLOCK)
+        assert (found is not None, len(said)) == (own, 0 if own else 1)
+    assert said == [f"{tmp_path}/journal.jsonl has not ended, but is on another clock ({clock}): a new one begins"]
+
+
+def test_an_engine_does_not_go_on_with_what_was_decided_by_another_configuration(tmp_path):
+    write_journal(tmp_path, clock=run_folder.BOOT_CLOCK)
+    assert started(Place(str(tmp_path)), configuration_hash="other") == (
+        None,
+        [f"{tmp_path}/journal.jsonl has not ended, but was decided by another configuration: a new one begins"],
+    )
+
+
+def test_an_engine_that_cannot_read_its_journal_begins_a_new_one_and_leaves_it_as_it_is(tmp_path):
+    write_journal(tmp_path, clock=run_folder.BOOT_CLOCK, more='nonsense\n{"half')
+    before = (tmp_path / "journal.jsonl").read_bytes()
+    found, (said,) = started(Place(str(tmp_path)))
+    assert found is None
+    assert "cannot be read: line 4: not JSON" in said
+    assert (tmp_path / "journal.jsonl").read_bytes() == before
+
+
+class StillAtIt:
+    """The engine before, which the master has ended: it writes for a moment more, then lets go."""
+
+    def __init__(self, folder, finish):
+        self._path = folder / "journal.jsonl"
+        self._descriptor, self._finish = run_folder.open_locked(self._path), finish
+        self.thread = threading.Timer(0.3, self._end)
+        self.thread.start()
+
+    def _end(self):
+        with self._path.open("a") as file:
+            file.write(codec.encode_event(Tick(t_ns=11)) + "\n")
+        self._finish()
+        os.close(self._descriptor)
+
+
+def test_what_the_engine_before_still_writes_is_gone_on_with(tmp_path):
+    write_journal(tmp_path, clock=run_folder.BOOT_CLOCK)
+    before = StillAtIt(tmp_path, lambda: run_folder.write_result(tmp_path, {"in_flight": True}))
+    found, said = started(Place(str(tmp_path)))
+    before.thread.join()
+    assert (found.events, found.journal.lines, said) == ([*EVENTS, Tick(t_ns=11)], 4, [])
+
+
+def test_an_engine_before_that_ends_meanwhile_on_the_ground_has_ended(tmp_path):
+    write_journal(tmp_path, clock=run_folder.BOOT_CLOCK)
+    before = StillAtIt(tmp_path, lambda: run_folder.write_result(tmp_path, {"in_flight": False}))
+    assert started(Place(str(tmp_path))) == (None, [])
+    before.thread.join()
+    os.close(run_folder.open_locked(tmp_path / "journal.jsonl"))
+
+
+def test_beside_an_engine_that_still_runs_none_is_started(tmp_path, monkeypatch):
+    write_journal(tmp_path, clock=run_folder.BOOT_CLOCK)
+    descriptor = run_folder.open_locked(tmp_path / "journal.jsonl")
+    monkeypatch.setattr(run_folder._lock, "__defaults__", (0.1,))
+    with pytest.raises(StartError, match="is written by another node that still runs: end it first"):
+        started(Place(str(tmp_path)))
+    os.close(descriptor)
+
+
+def test_a_journal_is_held_until_its_engine_has_written_its_result(home):
+    """Who waits for it finds the result, too."""
+    run = Run(Place())
+    run.journal.finish()
+    with pytest.raises(StartError, match="still runs"):
+        run_folder._lock(os.open(run.journal.path, os.O_RDWR), run.journal.path, 0.1)
+    run.journal.close()
+    assert found_in(Place()).path.parent.parent == home

@@ -76,7 +76,7 @@ from .ending import (
 from .engine_thread import EngineThread, Inbox, Stall
 from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
-from .run_folder import JournalFile, Place, create, reopen
+from .run_folder import BOOT_CLOCK, ROS_CLOCK, InUseError, JournalFile, Place, create
 from .users import Unattended, UserDesk, choose
 
 _log = logging.getLogger(__name__)
@@ -182,13 +182,13 @@ class AutonomyNode:
 
     def _open_journal(self) -> JournalFile:
         if self._resumed is not None:
-            return reopen(self._resumed.path, self._place.elsewhere)
+            return self._resumed.journal
         header = codec.make_header(
             self._configuration.rules,
             self._configuration.effective,
             self._configuration.hash,
             boot_id=run_folder.boot_id(),
-            clock="ROS time" if not rospy.rostime.is_wallclock() else run_folder.BOOT_CLOCK,
+            clock=_clock_name(),
             label=self._label,
             **self._place.facts(),
             python=sys.version.split()[0],
@@ -435,20 +435,39 @@ def _place(parameters: Parameters) -> Place:
     return Place(parameters.output, parameters.runs, rospy.get_name())
 
 
-def _unfinished(parameters: Parameters, configuration: Configuration) -> Optional[run_folder.Unfinished]:
-    """Return the journal to go on with, unless it cannot be read or was decided by other rules than ours.
+def _clock_name() -> str:
+    """Return which clock decides, as headers of journals say it."""
+    return BOOT_CLOCK if rospy.rostime.is_wallclock() else ROS_CLOCK
 
-    Neither is a reason not to start: the vehicle may be in the air, and an engine that finds it armed lands it.
+
+def _unfinished(parameters: Parameters, configuration: Configuration) -> Optional[run_folder.Unfinished]:
+    """Return the journal to go on with, unless it cannot be read, or was decided by other rules or another clock.
+
+    None of these is a reason not to start: the vehicle may be in the air, and an engine that finds it armed lands it.
+
+    Raises:
+        InUseError: Another engine goes on writing it.
     """
+    if not parameters.resume:
+        return None
+
+    def fits(path: Path, header: Mapping[str, Any]) -> bool:
+        why = ""
+        if header.get("hash") != configuration.hash:
+            why = "was decided by another configuration"
+        elif header.get("clock") != _clock_name():
+            why = f"is on another clock ({header.get('clock')})"
+        if why:
+            rospy.logwarn(f"{path} has not ended, but {why}: a new one begins")
+        return not why
+
     try:
-        found = run_folder.find_unfinished(_place(parameters)) if parameters.resume else None
+        return run_folder.find_unfinished(_place(parameters), fits)
+    except InUseError:
+        raise
     except StartError as error:
-        rospy.logerr("%s. It is kept, and a new one begins.", error)
+        rospy.logerr(f"{error}. It is kept, and a new one begins.")
         return None
-    if found is not None and found.header.get("hash") != configuration.hash:
-        rospy.logwarn("%s has not ended, but was decided by another configuration: a new one begins", found.path)
-        return None
-    return found
 
 
 def _propose_forks() -> None:

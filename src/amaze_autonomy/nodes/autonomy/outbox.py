@@ -248,7 +248,7 @@ class Outbox:
 
     def _close(self) -> None:
         self._topic.close(_LAST_LINES_S)
-        self._journal.close()
+        self._journal.finish()  # the result comes before anybody else may have it
 
     def _say_problem(self) -> None:
         """Warn once about each trouble with the disk, and when it is over."""

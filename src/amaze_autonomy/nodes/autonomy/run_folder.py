@@ -33,24 +33,30 @@ RESULT_NAME = "result.json"
 _REGISTER = "journals"
 _LONGEST_HEADER = 1 << 20
 BOOT_CLOCK = "monotonic"  # of journals whose times go on within a boot, whatever is done to the wall clock
+ROS_CLOCK = "ROS time"  # of those whose times are what /clock says
 _LOOKED_AT = 500  # journals, before the search for the own one is given up
 _TAIL = 1 << 16  # of a journal, in which its last line is
 REPORT_NAME = "report.txt"
 
 
+Fits = Callable[[Path, Mapping[str, Any]], bool]
+
+
 @dataclass(frozen=True)
 class Unfinished:
-    """A journal whose run did not end: the process was killed, or ended in flight.
+    """A journal whose run did not end, and that no other process writes: the process was killed, or ended in flight.
 
     Args:
         path: of the journal.
         header: its first line.
         events: all events in it, in order.
+        journal: the file, locked, to write on in.
     """
 
     path: Path
     header: Dict[str, Any]
     events: List[Event]
+    journal: JournalFile
 
     @property
     def last_ns(self) -> int:
@@ -191,15 +197,27 @@ def registered(session_id: str) -> Optional[Path]:
     return path if header else None
 
 
-def find_unfinished(place: Place) -> Optional[Unfinished]:
+class InUseError(StartError):
+    """Another process still writes the journal of this engine."""
+
+
+def find_unfinished(place: Place, fits: Fits = lambda *_: True) -> Optional[Unfinished]:
     """Return the journal to go on with: the last of this engine in this boot, when it has not ended.
+
+    An engine of the same name that the master has ended for this one writes for a moment more, its landing too: it is
+    waited for before anything but the header is read.
 
     The dates of files tell which was the last only as far as the wall clock goes on: a computer without a clock of its
     own begins each boot with an old time. So a journal of another boot is passed over, whatever its date, and of those
     of this one the last word counts, on the clock of the boot.
 
+    Args:
+        place: where the engine keeps its runs.
+        fits: tells of the path and the header of one that has not ended whether it can be gone on with.
+
     Raises:
-        StartError: There is one, and it is damaged.
+        InUseError: There is one, and another process goes on writing it.
+        StartError: There is one, and it is damaged, or cannot be opened.
     """
     ours: List[Tuple[Path, Dict[str, Any]]] = []
     newest_first = _newest_first(place)
@@ -215,7 +233,9 @@ def find_unfinished(place: Place) -> Optional[Unfinished]:
     if not ours:
         return None
     path, header = _last_of(ours)
-    return None if _ended(path.parent / RESULT_NAME) else _unfinished(path, header)
+    if _ended(path.parent / RESULT_NAME) or not fits(path, header):
+        return None
+    return _taken_up(path, header, place)
 
 
 def _last_of(journals: Sequence[Tuple[Path, Dict[str, Any]]]) -> Tuple[Path, Dict[str, Any]]:
@@ -236,13 +256,20 @@ def _last_ns(path: Path) -> int:
     return -1
 
 
-def _unfinished(path: Path, header: Dict[str, Any]) -> Unfinished:
+def _taken_up(path: Path, header: Dict[str, Any], place: Place) -> Optional[Unfinished]:
+    descriptor = open_locked(path)
     try:
+        if _ended(path.parent / RESULT_NAME):  # meanwhile
+            os.close(descriptor)
+            return None
         data = path.read_bytes()
-        journal = codec.read(data[: codec.whole_lines(data)].decode())
+        read = codec.read(data[: codec.whole_lines(data)].decode())
+        journal = go_on(path, descriptor, place.elsewhere)
     except (OSError, UnicodeDecodeError, codec.JournalError) as error:
+        os.close(descriptor)
         raise _cannot_be_read(path, error) from error
-    return Unfinished(path, header, [line.payload for line in journal.lines if isinstance(line.payload, Event)])
+    events = [line.payload for line in read.lines if isinstance(line.payload, Event)]
+    return Unfinished(path, header, events, journal)
 
 
 def _cannot_be_read(path: Path, error: Exception) -> StartError:
@@ -309,6 +336,7 @@ _RETRY_PERIOD_S = 1.0
 _HELD_UP_S = 3.0  # a card that tidies up takes one or two
 _MOST_KEPT = 16 * 1024 * 1024  # bytes that wait for a disk
 _PIECE = 1024 * 1024
+_LET_GO_LIMIT_S = 8.0  # of an engine that is told to end in flight, which lands first
 _MODE = 0o640
 
 
@@ -537,12 +565,16 @@ class JournalFile:
         if self._disk.begin(self._descriptor, self._new_in):
             self._synced_s, self._dirty, self._new_in = now_s, False, None
 
-    def close(self) -> None:
-        """Write the rest, wait until the disk has it, and close."""
+    def finish(self) -> None:
+        """Write the rest, and wait until the disk has it. It stays locked until `close`, or the end of the process."""
         self.flush(force=True)
         self._disk.end()
         with suppress(OSError):
             os.fdatasync(self._descriptor)
+
+    def close(self) -> None:
+        """Finish it, and let go of it."""
+        self.finish()
         os.close(self._descriptor)
 
 
@@ -586,31 +618,45 @@ def create(folder: Path, header: str, elsewhere: Elsewhere) -> JournalFile:
     return JournalFile(path, descriptor, 1, elsewhere)
 
 
-def reopen(path: Path, elsewhere: Elsewhere) -> JournalFile:
-    """Open a journal to write on after its last whole line.
+def open_locked(path: Path) -> int:
+    """Open a journal to write on in it, and lock it; return its descriptor.
 
     Raises:
-        StartError: It cannot be opened, or another process writes it.
+        InUseError: Another process writes it.
+        StartError: It cannot be opened.
     """
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-        _lock(descriptor, path)
-        data = path.read_bytes()
-        os.ftruncate(descriptor, codec.whole_lines(data))
     except OSError as error:
         raise StartError(f"cannot go on with {path}: {error.strerror}") from error
+    try:
+        _lock(descriptor, path)
+    except (OSError, StartError):
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def go_on(path: Path, descriptor: int, elsewhere: Elsewhere) -> JournalFile:
+    """Write on after the last whole line of a journal that is open and locked.
+
+    Raises:
+        OSError: It cannot be read, or not be cut there.
+    """
+    data = path.read_bytes()
+    os.ftruncate(descriptor, codec.whole_lines(data))
     return JournalFile(path, descriptor, data.count(b"\n"), elsewhere)
 
 
-def _lock(descriptor: int, path: Path, limit_s: float = 3.0) -> None:
-    """Lock the journal against a second node; one that is just ending gets a moment to let go."""
+def _lock(descriptor: int, path: Path, limit_s: float = _LET_GO_LIMIT_S) -> None:
+    """Lock the journal against a second node; one that is just ending gets the time to let go."""
     deadline_s = time.monotonic() + limit_s
     while True:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             if time.monotonic() > deadline_s:
-                raise StartError(f"{path} is written by another node that still runs: end it first") from error
+                raise InUseError(f"{path} is written by another node that still runs: end it first") from error
             time.sleep(0.05)
         else:
             return
