@@ -53,6 +53,48 @@ def test_a_plan_brings_its_home_along(mission):
     assert plan.total.length_m == pytest.approx(1.0 + (1.0 + 5.56**2) ** 0.5 + 2.0, abs=0.01)
 
 
+def drawn(*items) -> str:
+    """Return a plan of such items (command, heading, latitude, longitude, height), around 47, 8."""
+    simple = [
+        {"type": "SimpleItem", "command": command, "frame": 3, "params": [0, 0, 0, *rest]} for command, *rest in items
+    ]
+    mission = {"plannedHomePosition": [47.0, 8.0, 400.0], "items": simple}
+    return json.dumps({"fileType": "Plan", "version": 1, "mission": mission}, indent=1)
+
+
+OUT = drawn((22, None, 0, 0, 2), (16, None, 47.00008, 8.0, 2))
+FURTHER = drawn((22, None, 0, 0, 3), (16, None, 47.00016, 8.0, 3), (21, None, 0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    "touchdown, places",
+    [("true", [[(0.0, 0.0), (0.0, 8.89)], [(0.0, 8.89), (0.0, 17.79)]]),
+     ("false", [[(0.0, 0.0), (0.0, 8.89), (0.0, 17.79)]])],
+)  # fmt: skip
+def test_the_takeoff_of_a_second_plan_does_not_lead_back_to_home(mission, touchdown, places):
+    folder = mission(f"    touchdown_between_files: {touchdown}\n", "up.plan, further.plan")
+    (folder / "up.plan").write_text(OUT)
+    (folder / "further.plan").write_text(FURTHER)
+    (plan,) = load_configuration(folder).plans
+    found = [[(round(each.x_m, 2), round(each.y_m, 2)) for each in one.waypoints] for one in plan.trajectories]
+    assert found == places
+    assert all(len(one.places) == len(one.waypoints) for one in plan.trajectories)
+
+
+def test_a_takeoff_here_must_be_the_same_place_in_every_repetition(mistake, mission):
+    mission("    repetitions: 2\n", "up.plan")
+    assert mistake("up.plan", OUT) == (
+        "up.plan:11: params 5,6: is here, which is 8.9 m away in further repetitions; "
+        "must be the place of the takeoff, or the mission must end where it begins"
+    )
+
+
+def test_a_plan_that_ends_where_it_takes_off_may_be_repeated(mission):
+    back = drawn((22, None, 0, 0, 2), (16, None, 47.00005, 8.0, 2), (21, None, 47.0, 8.0, 0))
+    (plan,) = load_configuration(mission("    repetitions: 2\n", "up.plan", back)).plans
+    assert len(plan.trajectories[0].waypoints) == 3
+
+
 def test_without_a_home_there_are_no_places(mistake, mission):
     mission("", text=GLOBAL)
     assert mistake("up.csv", GLOBAL) == (

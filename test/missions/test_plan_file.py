@@ -55,7 +55,7 @@ def test_takeoff_waypoints_and_landing_are_places_to_fly_to():
     route = read(GOOD)
     assert route.home == Home(47.0, 8.0)
     assert [each._replace() if hasattr(each, "_replace") else each for each in route.points] == [
-        RoutePoint(Place(47.0, 8.0), 3.0, None, 0.0, route.points[0].line),
+        RoutePoint(Place(47.0, 8.0), 3.0, None, 0.0, route.points[0].line, takeoff=True),
         RoutePoint(Place(47.0001, 8.0), 5.0, 0.0, 2.0, route.points[1].line),
         RoutePoint(Place(47.0001, 8.0001), 5.0, None, 4.0, route.points[2].line),
         RoutePoint(Place(47.0, 8.0001), 5.0, None, 0.0, route.points[3].line),  # above where it lands
@@ -77,9 +77,20 @@ def test_headings_are_clockwise_from_north(heading, yaw):
     assert sin(point.yaw_rad) == pytest.approx(sin(yaw), abs=1e-12), "pi and -pi are one"
 
 
-def test_a_takeoff_without_a_place_is_above_home_and_a_landing_without_one_is_here():
-    route = read(plan(item(22, None, None, 3.0), item(16, 47.0001, 8.0, 5.0), item(21, 0, 0, 0.0)))
-    assert [point.place for point in route.points] == [Place(47.0, 8.0), Place(47.0001, 8.0)]
+@pytest.mark.parametrize("here", [(None, None), (0, 0), (0.0, None)])
+def test_a_takeoff_and_a_landing_without_a_place_are_here(here):
+    route = read(plan(item(22, *here, 3.0), item(16, 47.0001, 8.0, 5.0), item(21, *here, 0.0)))
+    assert [point.place for point in route.points] == [None, Place(47.0001, 8.0)]
+    assert [point.takeoff for point in route.points] == [True, False]
+
+
+def test_a_place_on_the_meridian_of_greenwich_is_one():
+    assert read(plan(item(22, 51.5, 0, 3.0))).points[0].place == Place(51.5, 0.0)
+
+
+def test_a_plan_of_a_takeoff_here_and_a_landing_elsewhere_flies_there():
+    route = read(plan(item(22, None, None, 3.0), item(21, 47.0001, 8.0, 0.0)))
+    assert [(point.place, point.height_m) for point in route.points] == [(None, 3.0), (Place(47.0001, 8.0), 3.0)]
 
 
 def test_the_fence_that_was_drawn_counts():

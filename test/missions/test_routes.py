@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi
 
 import pytest
@@ -14,6 +15,7 @@ from amaze_autonomy.missions import (
     Route,
     RoutePoint,
     Trajectory,
+    Waypoint,
     WaypointError,
     localize,
     parse_file,
@@ -54,6 +56,35 @@ def test_without_a_yaw_it_looks_along_its_way():
     ]
     yaws = [waypoint.yaw_rad for waypoint in localize(Route("a.plan", tuple(points)), HOME).waypoints]
     assert yaws == pytest.approx([pi / 2, pi / 2, pi])
+
+
+AWAY = Waypoint(20.0, 0.0, 3.0, 0.5, 0.0)  # where the file before landed
+HERE = RoutePoint(None, 3.0, None, 0.0, 1, takeoff=True)
+THERE = RoutePoint(HOME.to_global(20.0, 10.0), 5.0, None, 0.0, 2)
+
+
+def test_a_takeoff_here_is_above_where_the_file_takes_off():
+    trajectory = localize(Route("a.plan", (HERE, THERE)), HOME, AWAY)
+    first, second = trajectory.waypoints
+    assert (first.x_m, first.y_m, first.z_m, first.line) == (20.0, 0.0, 3.0, 1)
+    assert (second.x_m, second.y_m) == pytest.approx((20.0, 10.0))
+    assert trajectory.places == (HOME.to_global(20.0, 0.0), THERE.place)
+    first, _ = localize(Route("a.plan", (HERE, THERE)), HOME).waypoints
+    assert (first.x_m, first.y_m) == (0.0, 0.0)
+
+
+def test_a_file_that_begins_in_the_air_takes_off_nowhere():
+    for takeoff in (HERE, replace(HERE, place=Place(47.0, 8.0), yaw_rad=1.0)):
+        route = Route("a.plan", (takeoff, THERE))
+        trajectory = localize(route, HOME, AWAY, in_flight=True)
+        assert [each.line for each in trajectory.waypoints] == [2]
+        assert trajectory.places == (THERE.place,)
+    with pytest.raises(WaypointError) as caught:
+        localize(Route("a.plan", (HERE,)), HOME, AWAY, in_flight=True)
+    assert str(caught.value) == (
+        "a.plan:1: has nothing but a takeoff, and begins in the air (touchdown_between_files: false); "
+        "must have a waypoint"
+    )
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import (
+    SAME_M,
     SUFFIXES,
     Bounds,
     Controller,
@@ -264,6 +265,7 @@ def trajectories_of(
 
     Raises:
         ConfigError: a file in latitude and longitude has no home, or is to be flown without a position on the earth.
+        WaypointError: a plan takes off where it cannot.
     """
     found: List[Trajectory] = []
     for position, (name, file) in enumerate(zip(values["files"], _files_of(values, files))):
@@ -277,9 +279,27 @@ def trajectories_of(
         if home is None:
             right = "must have a home in its mission: the latitude_deg and longitude_deg of the first takeoff"
             refuse_at(at, places, f"{name} is in latitude and longitude", right)
-        found.append(localize(file, home))
+        last, in_flight = (found[-1].waypoints[-1], not values["touchdown_between_files"]) if found else (None, False)
+        found.append(localize(file, home, last, in_flight=in_flight))
     _check_frames(values, found, here, places)
+    _check_takeoff(values, files, found)
     return tuple(found)
+
+
+def _check_takeoff(values: Mapping[str, Any], files: Files, found: List[Trajectory]) -> None:
+    """Check that "here", where a first plan takes off, is one place: repetitions take off where the last file lands.
+
+    Raises:
+        WaypointError: it means several.
+    """
+    first, last = _files_of(values, files)[0], found[-1].waypoints[-1]
+    if values["repetitions"] == 1 or not isinstance(first, Route) or first.points[0].place is not None:
+        return
+    away_m = math.hypot(last.x_m, last.y_m)
+    if away_m > SAME_M:
+        wrong = f"is here, which is {away_m:.1f} m away in further repetitions"
+        right = "must be the place of the takeoff, or the mission must end where it begins"
+        raise found[0].error(found[0].waypoints[0], "place", wrong, right)
 
 
 def _check_frames(values: Mapping[str, Any], found: List[Trajectory], here: Address, places: Places) -> None:

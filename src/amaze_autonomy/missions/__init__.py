@@ -22,13 +22,14 @@ from .plan import (
     leg_s,
     total,
 )
-from .plan_file import SUFFIXES, parse_file
+from .plan_file import SAME_M, SUFFIXES, parse_file
 from .routes import GLOBAL_COLUMNS, Area, Route, RoutePoint, localize, localize_fence
 from .waypoints import COLUMNS, Home, Place, Trajectory, Waypoint, joined, parse_trajectory
 
 __all__ = [
     "COLUMNS",
     "GLOBAL_COLUMNS",
+    "SAME_M",
     "SUFFIXES",
     "Area",
     "Bounds",

@@ -95,7 +95,8 @@ def read_json(text: str, file: str) -> Object:
 _NAMES = Names("params 5,6", "params 7", "params 5,6,7", "params 1")
 _FRAMES = (3, 6)  # MAV_FRAME_GLOBAL_RELATIVE_ALT and the same in integers
 _PARAMS = 7
-_SAME_M = 0.5
+SAME_M = 0.5
+"""Places that are no further apart are the same."""
 
 
 class _Item(NamedTuple):
@@ -160,7 +161,7 @@ def parse_plan(text: str, name: str) -> Route:
         _item(file, number, each, mission)
         for number, each in enumerate(file.part(mission, "items", list, "a list of items"), start=1)
     ]
-    points = _points(file, items, Place(home.latitude_deg, home.longitude_deg))
+    points = _points(file, items)
     if not points:
         file.refuse(mission.line, "items", "has no waypoints", "must have at least one item of command 16")
     return Route(name, tuple(points), _NAMES, home, tuple(_fence(file, plan)))
@@ -190,7 +191,7 @@ def _item(file: _File, number: int, item: Any, mission: Object) -> _Item:
     return _Item(number, item.line, command, values)
 
 
-def _points(file: _File, items: Sequence[_Item], home: Place) -> List[RoutePoint]:
+def _points(file: _File, items: Sequence[_Item]) -> List[RoutePoint]:
     points: List[RoutePoint] = []
     for item in items:
         if item.command not in _COMMANDS:
@@ -200,7 +201,7 @@ def _points(file: _File, items: Sequence[_Item], home: Place) -> List[RoutePoint
             file.refuse(item.line, f"item {item.number}", "takes off in flight", "must be the first item")
         if item.command == _LAND and item.number != len(items):
             file.refuse(item.line, f"item {item.number}", "lands before the end", "must be the last item")
-        points.extend(_COMMANDS[item.command](file, item, home, points))
+        points.extend(_COMMANDS[item.command](file, item, points))
     return points
 
 
@@ -220,14 +221,18 @@ def _value(file: _File, item: _Item, index: int) -> float:
     return value
 
 
-def _takeoff(file: _File, item: _Item, home: Place, _: Sequence[RoutePoint]) -> List[RoutePoint]:
-    """Return the end of the climb: above home, or above a place of its own."""
-    somewhere = bool(item.params[4]) and bool(item.params[5])
-    place, height = _given(file, item) if somewhere else (home, _value(file, item, 6))
-    return [RoutePoint(place, height, _yaw(item), 0.0, item.line)]
+def _is_here(item: _Item) -> bool:
+    """Return whether an item has no place of its own: QGroundControl saves zeros then, or nothing."""
+    return not item.params[4] and not item.params[5]
 
 
-def _waypoint(file: _File, item: _Item, _: Place, __: Sequence[RoutePoint]) -> List[RoutePoint]:
+def _takeoff(file: _File, item: _Item, _: Sequence[RoutePoint]) -> List[RoutePoint]:
+    """Return the end of the climb: above where the file takes off, or above a place of its own."""
+    place, height = (None, _value(file, item, 6)) if _is_here(item) else _given(file, item)
+    return [RoutePoint(place, height, _yaw(item), 0.0, item.line, takeoff=True)]
+
+
+def _waypoint(file: _File, item: _Item, _: Sequence[RoutePoint]) -> List[RoutePoint]:
     place, height = _given(file, item)
     if item.command == _WAYPOINT and item.params[2]:
         right = "must be 0: every waypoint is flown to"
@@ -235,18 +240,17 @@ def _waypoint(file: _File, item: _Item, _: Place, __: Sequence[RoutePoint]) -> L
     return [RoutePoint(place, height, _yaw(item), item.params[0] or 0.0, item.line)]
 
 
-def _land(file: _File, item: _Item, _: Place, points: Sequence[RoutePoint]) -> List[RoutePoint]:
+def _land(file: _File, item: _Item, points: Sequence[RoutePoint]) -> List[RoutePoint]:
     """Return the place above the landing, at the height of the last waypoint; none when it is there already."""
     if not points:
         file.refuse(item.line, f"item {item.number}", "lands before anything was flown", "must follow a waypoint")
-    latitude, longitude = item.params[4], item.params[5]
-    if not latitude and not longitude:
-        return []  # here
+    if _is_here(item):
+        return []
     parent = Object()
     parent.line = item.line
-    place = file.place(parent, f"item {item.number}: params 5,6", latitude, longitude)
+    place = file.place(parent, f"item {item.number}: params 5,6", item.params[4], item.params[5])
     before = points[-1]
-    if math.hypot(*Home(*before.place).to_local(place)) <= _SAME_M:
+    if before.place is not None and math.hypot(*Home(*before.place).to_local(place)) <= SAME_M:
         return []
     return [RoutePoint(place, before.height_m, _yaw(item), 0.0, item.line)]
 
@@ -262,7 +266,7 @@ def _yaw(item: _Item) -> Optional[float]:
 
 _WAYPOINT, _LOITER_TIME, _LAND, _TAKEOFF = 16, 19, 21, 22  # MAV_CMD
 _SAID = {_TAKEOFF: "takeoff", _WAYPOINT: "waypoint", _LOITER_TIME: "loiter for a time", _LAND: "land"}
-_COMMANDS: Mapping[int, Callable[[_File, _Item, Place, Sequence[RoutePoint]], List[RoutePoint]]] = {
+_COMMANDS: Mapping[int, Callable[[_File, _Item, Sequence[RoutePoint]], List[RoutePoint]]] = {
     _TAKEOFF: _takeoff,
     _WAYPOINT: _waypoint,
     _LOITER_TIME: _waypoint,

@@ -32,13 +32,23 @@ _STILL_M = 0.1
 
 @dataclass(frozen=True)
 class RoutePoint:
-    """A place to fly to; `yaw_rad` None: along the way there."""
+    """A place to fly to.
 
-    place: Place
+    Args:
+        place: on the earth; None: where the file takes off.
+        height_m: above the takeoff.
+        yaw_rad: counter-clockwise from east; None: along the way there.
+        hold_s: how long to stay.
+        line: of the file.
+        takeoff: it is the end of a climb from the ground, and no place to go to for a file that begins in the air.
+    """
+
+    place: Optional[Place]
     height_m: float
     yaw_rad: Optional[float]
     hold_s: float
     line: int
+    takeoff: bool = False
 
 
 @dataclass(frozen=True)
@@ -110,17 +120,31 @@ def _point(file: str, row: Row, unit: YawUnit) -> RoutePoint:
     return RoutePoint(place, row.values["relative_altitude"], yaw_of(file, row, unit), hold_s, row.line)
 
 
-def localize(route: Route, home: Home) -> Trajectory:
-    """Return the waypoints of a route in metres around home."""
+def localize(route: Route, home: Home, last: Optional[Waypoint] = None, *, in_flight: bool = False) -> Trajectory:
+    """Return the waypoints of a route in metres around home.
+
+    Args:
+        route: what the file says.
+        home: origin of the metres.
+        last: waypoint of the file before, where this one begins; None: it begins at home.
+        in_flight: it begins there in the air, and its takeoff is left out.
+
+    Raises:
+        WaypointError: nothing is left of it.
+    """
+    start: Point = (0.0, 0.0) if last is None else (last.x_m, last.y_m)
+    points = tuple(point for point in route.points if not (in_flight and point.takeoff))
+    if not points:
+        wrong = "has nothing but a takeoff, and begins in the air (touchdown_between_files: false)"
+        raise WaypointError(route.file, route.points[0].line, "", wrong, "must have a waypoint")
     waypoints: List[Waypoint] = []
-    before: Point = (0.0, 0.0)
-    yaw = 0.0
-    for point in route.points:
-        here = home.to_local(point.place)
+    before, yaw = start, 0.0
+    for point in points:
+        here = start if point.place is None else home.to_local(point.place)
         yaw = _yaw(point, before, here, yaw)
         waypoints.append(Waypoint(*here, point.height_m, yaw, point.hold_s, point.line))
         before = here
-    places = tuple(point.place for point in route.points)
+    places = tuple(home.to_global(*start) if point.place is None else point.place for point in points)
     return Trajectory(route.file, tuple(waypoints), "yaw", route.names, places)
 
 
