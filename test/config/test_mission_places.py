@@ -111,6 +111,14 @@ def test_without_gps_there_are_no_places(mistake, mission):
     )
 
 
+def test_without_gps_nobody_would_look_at_a_home(mistake, small_file):
+    text = small_file("missions.yaml") + "    controller: offboard\n    home: {latitude_deg: 47, longitude_deg: 8}\n"
+    assert mistake("missions.yaml", text) == (
+        "missions.yaml:6: missions.1.home: is given; "
+        "must be left out where the controller is offboard, which knows no place on the earth"
+    )
+
+
 def test_who_steers_is_the_autopilot_unless_said_otherwise(mission):
     assert load_configuration(mission("")).plans[0].controller is Controller.MISSION
     assert load_configuration(mission("    controller: offboard\n")).plans[0].controller is Controller.OFFBOARD

@@ -264,16 +264,17 @@ def trajectories_of(
     """Return the waypoints of each file of a mission in local metres.
 
     Raises:
-        ConfigError: a file in latitude and longitude has no home, or is to be flown without a position on the earth.
+        ConfigError: a file in latitude and longitude has no home, or a place on the earth is given where none is known.
         WaypointError: a plan takes off where it cannot.
     """
     found: List[Trajectory] = []
+    offboard = values["controller"] == Controller.OFFBOARD.value
     for position, (name, file) in enumerate(zip(values["files"], _files_of(values, files))):
         at = (*here, "files", str(position))
         if isinstance(file, Trajectory):
             found.append(file)
             continue
-        if values["controller"] == Controller.OFFBOARD.value:
+        if offboard:
             right = "must be in metres where the controller is offboard, which knows no place on the earth"
             refuse_at(at, places, f"{name} is in latitude and longitude", right)
         if home is None:
@@ -281,6 +282,9 @@ def trajectories_of(
             refuse_at(at, places, f"{name} is in latitude and longitude", right)
         last, in_flight = (found[-1].waypoints[-1], not values["touchdown_between_files"]) if found else (None, False)
         found.append(localize(file, home, last, in_flight=in_flight))
+    if offboard and values["home"]:
+        right = "must be left out where the controller is offboard, which knows no place on the earth"
+        refuse_at((*here, "home"), places, "is given", right)
     _check_frames(values, found, here, places)
     _check_takeoff(values, files, found)
     return tuple(found)

@@ -173,7 +173,7 @@ _MISSION = Group(
         Key(
             "home",
             _HOME,
-            "place of its first takeoff; left out: the home of its .plan, or wherever the vehicle stands",
+            "place of its first takeoff, where the autopilot steers; left out: the home of its .plan, or wherever the vehicle stands",
             "needed for waypoints in latitude and longitude",
             None,
         ),
