@@ -74,6 +74,25 @@ def test_a_landing_from_the_height_limit_of_a_mission_must_fit_its_time(mistake,
     )
 
 
+def test_a_climb_must_fit_the_time_of_a_takeoff(mistake, small, small_file):
+    (small / "up.csv").write_text("# frame: east_north\nx,y,z,yaw_rad,holdtime\n0,0,20,0,1\n")
+    text = small_file("missions.yaml") + "flight: {climb_speed_m_s: 0.5}\n"
+    assert mistake("missions.yaml", text, ["autonomy.takeoff.takeoff_height_m=20"]) == (
+        "missions.yaml:5: flight.climb_speed_m_s: is 0.5; must be more: "
+        "the climb to 20 m (takeoff_height_m) takes 40.5 s, and is ended after 30 s (takeoff_limit_s)"
+    )
+
+
+def test_set_points_are_led_for_less_than_the_time_of_the_arming(mistake, small, small_file):
+    text = small_file("missions.yaml") + "    controller: %s\nplanner: {setpoint_lead_s: 6}\n"
+    assert mistake("missions.yaml", text % "offboard") == (
+        "missions.yaml:6: planner.setpoint_lead_s: is 6; must be at most 5, half of takeoff.arm_limit_s of "
+        "autonomy.yaml (10): it is armed after that"
+    )
+    (small / "missions.yaml").write_text(text % "mission")
+    assert load_configuration(small).planner.setpoint_lead_ns == 6_000_000_000
+
+
 def test_a_mission_needs_something_before_takeoff(mistake, small_file):
     overrides = [f"sensors.components.{name}.required=false" for name in ("gps", "camera")]
     assert mistake("missions.yaml", small_file("missions.yaml"), overrides) == (

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, NoReturn, Optional, Tuple
 
 from ..engine.rules import SEVERITIES, Action, Severity
+from ..missions import Controller, FlightModel, climb_s
 from ..monitoring.restart import why_kept
 from .kinds import Address, Places
 from .schema import refuse_at
@@ -53,6 +54,28 @@ def check_heights(autonomy: Mapping[str, Any], missions: Mapping[str, Any], plac
             at = ("missions", mission_id, "limits", "max_height_m")
             right = f"must be at most {limit * speed:g}: landing takes longer than {limit:g} s (land_limit_s)"
             refuse_at(at, places, f"is {own:g}", right)
+
+
+def check_takeoff(autonomy: Mapping[str, Any], missions: Mapping[str, Any], places: Places) -> None:
+    """Check that a takeoff fits the times that the engine gives it; `places` are those of missions.yaml.
+
+    Raises:
+        ConfigError: about the climb, or about the set-points that come before the arming.
+    """
+    takeoff, flight = autonomy["takeoff"], missions["flight"]
+    height, limit = takeoff["takeoff_height_m"], takeoff["takeoff_limit_s"]
+    needed = climb_s(height, FlightModel(**flight))
+    if needed >= limit:
+        right = (
+            f"must be more: the climb to {height:g} m (takeoff_height_m) takes {needed:.3g} s, "
+            f"and is ended after {limit:g} s (takeoff_limit_s)"
+        )
+        refuse_at(("flight", "climb_speed_m_s"), places, f"is {flight['climb_speed_m_s']:g}", right)
+    lead, limit = missions["planner"]["setpoint_lead_s"], takeoff["arm_limit_s"]
+    offboard = any(mission["controller"] == Controller.OFFBOARD.value for mission in missions["missions"].values())
+    if offboard and lead > limit / 2:
+        right = f"must be at most {limit / 2:g}, half of takeoff.arm_limit_s of autonomy.yaml ({limit:g})"
+        refuse_at(("planner", "setpoint_lead_s"), places, f"is {lead:g}", f"{right}: it is armed after that")
 
 
 def check_planner(autonomy: Mapping[str, Any], missions: Mapping[str, Any], places: Places) -> None:

@@ -23,6 +23,7 @@ from .consistency import (
     check_replies,
     check_required,
     check_restarted_nodes,
+    check_takeoff,
 )
 from .document import Entry, Scalar, Table, entry_of, parse, read, replace
 from .errors import ConfigError, Place
@@ -124,6 +125,7 @@ def _check(values: Mapping[str, Any], places: Mapping[str, Places]) -> None:
     check_autonomy_with_sensors(values["autonomy"], values["sensors"], places["sensors"])
     if "missions" in values:
         check_heights(values["autonomy"], values["missions"], places["missions"])
+        check_takeoff(values["autonomy"], values["missions"], places["missions"])
         check_planner(values["autonomy"], values["missions"], places["missions"])
         check_required(values["sensors"], values["missions"], places["missions"])
         check_initialisation(values["autonomy"], values["sensors"], places["sensors"])

@@ -103,6 +103,11 @@ def leg_s(one: Waypoint, other: Waypoint, model: FlightModel) -> float:
     )
 
 
+def climb_s(height_m: float, model: FlightModel) -> float:
+    """Return the time of the climb of a takeoff."""
+    return _travel_s(height_m, model.climb_speed_m_s, model.acceleration_m_s2)
+
+
 def _start(trajectory: Trajectory, start: Tuple[float, float], takeoff_height_m: float) -> Waypoint:
     """Return the end of the takeoff: above the start, with the yaw of the first waypoint."""
     return Waypoint(start[0], start[1], takeoff_height_m, trajectory.waypoints[0].yaw_rad, 0.0)
@@ -115,7 +120,7 @@ def estimate_flight(
     points = (_start(trajectory, start, takeoff_height_m), *trajectory.waypoints)
     legs = tuple(zip(points, points[1:]))
     last = points[-1]
-    climb = _travel_s(takeoff_height_m, model.climb_speed_m_s, model.acceleration_m_s2)
+    climb = climb_s(takeoff_height_m, model)
     landing = last.z_m / model.landing_speed_m_s
     flown = math.fsum(leg_s(one, other, model) + other.hold_s for one, other in legs)
     length = math.fsum(distance_m(one, other) for one, other in legs)
