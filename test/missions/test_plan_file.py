@@ -107,6 +107,15 @@ def test_the_fence_that_was_drawn_counts():
     assert local.problem((0.0, 0.0), (200.0, 0.0)) == "enters an excluded area on the way there"
 
 
+def test_what_a_multicopter_has_not_got_is_not_looked_at():
+    loiter = item(19, 47.0001, 8.0, 5.0)
+    loiter["params"][1:3] = [1, 50.0]  # turns before it leaves, on the circle of a fixed wing
+    without = item(16, 47.0001, 8.0, 5.0)
+    without["params"][1] = None
+    del without["autoContinue"]
+    assert len(read(plan(loiter, without)).points) == 2
+
+
 def _with(change):
     document = copy.deepcopy(GOOD)
     change(document)
@@ -158,6 +167,12 @@ COMMANDS = "must be one of 22 (takeoff), 16 (waypoint), 19 (loiter for a time), 
          "item 2: params 5,6: is 147, 8; must be a latitude and a longitude in degrees"),
         (lambda d: d["mission"]["items"][1]["params"].__setitem__(2, 5.0),
          "item 2: params 3: is 5 (pass by); must be 0: every waypoint is flown to"),
+        (lambda d: d["mission"]["items"][1]["params"].__setitem__(1, 3.0),
+         "item 2: params 2: is 3 (acceptance radius); must be 0: acceptance_radius_m of missions.yaml counts"),
+        (lambda d: d["mission"]["items"][1].update(autoContinue=False),
+         "item 2: autoContinue: is False; must be true: nobody is asked between two items"),
+        (lambda d: d["mission"]["items"][0].update(autoContinue=0),
+         "item 1: autoContinue: is 0; must be true: nobody is asked between two items"),
         (lambda d: d["mission"]["items"].__setitem__(1, 5), "item 2: is no object; must be a mission item"),
         (lambda d: d["geoFence"].update(polygons=[{"polygon": [[47.0]], "inclusion": True}]),
          "polygon: has a corner that is no place; must be latitude and longitude"),

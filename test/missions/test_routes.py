@@ -87,6 +87,34 @@ def test_a_file_that_begins_in_the_air_takes_off_nowhere():
     )
 
 
+ABOVE = replace(THERE, place=HOME.to_global(20.0, 0.0))
+
+
+def yaws(*points: RoutePoint, last=None, in_flight: bool = False):
+    trajectory = localize(Route("a.plan", points), HOME, last, in_flight=in_flight)
+    return [waypoint.yaw_rad for waypoint in trajectory.waypoints]
+
+
+def test_a_takeoff_without_a_heading_looks_where_the_waypoint_after_it_does():
+    takeoff = replace(HERE, place=HOME.to_global(20.3, 0.0))  # the place that was drawn is not quite where it landed
+    for first in (HERE, takeoff):
+        assert yaws(first, THERE, last=AWAY) == pytest.approx([pi / 2, pi / 2], abs=0.05)
+        assert yaws(first, replace(THERE, yaw_rad=1.0), last=AWAY) == [1.0, 1.0]
+    assert yaws(replace(HERE, yaw_rad=2.0), THERE, last=AWAY) == pytest.approx([2.0, pi / 2])
+
+
+def test_the_first_leg_of_a_later_file_begins_where_the_one_before_ended():
+    for in_flight in (False, True):
+        assert yaws(THERE, last=AWAY, in_flight=in_flight) == pytest.approx([pi / 2])
+
+
+def test_who_goes_nowhere_turns_nowhere():
+    assert yaws(HERE, ABOVE, THERE, last=AWAY) == pytest.approx([0.5, 0.5, pi / 2]), "as it has landed"
+    home = replace(ABOVE, place=Place(47.0, 8.0))
+    assert yaws(HERE, home, THERE) == pytest.approx([yaws(THERE)[0]] * 3), "as it will look"
+    assert yaws(HERE, home) == [0.0, 0.0]
+
+
 @pytest.mark.parametrize(
     "text, message",
     [

@@ -184,6 +184,9 @@ def _item(file: _File, number: int, item: Any, mission: Object) -> _Item:
     if item.get("frame") not in _FRAMES:
         right = "must be 3, metres above the takeoff (AltitudeMode: relative)"
         file.refuse(item.line, f"item {number}: frame", f"is {str(item.get('frame'))[:40]}", right)
+    if item.get("autoContinue", True) is not True:
+        right = "must be true: nobody is asked between two items"
+        file.refuse(item.line, f"item {number}: autoContinue", f"is {str(item['autoContinue'])[:40]}", right)
     params = file.part(item, "params", list, "a list of seven numbers")
     if len(params) != _PARAMS:
         file.refuse(item.line, f"item {number}: params", f"has {len(params)} values", "must have seven")
@@ -234,6 +237,9 @@ def _takeoff(file: _File, item: _Item, _: Sequence[RoutePoint]) -> List[RoutePoi
 
 def _waypoint(file: _File, item: _Item, _: Sequence[RoutePoint]) -> List[RoutePoint]:
     place, height = _given(file, item)
+    if item.command == _WAYPOINT and item.params[1]:
+        right = "must be 0: acceptance_radius_m of missions.yaml counts"
+        file.refuse(item.line, f"item {item.number}: params 2", f"is {item.params[1]:g} (acceptance radius)", right)
     if item.command == _WAYPOINT and item.params[2]:
         right = "must be 0: every waypoint is flown to"
         file.refuse(item.line, f"item {item.number}: params 3", f"is {item.params[2]:g} (pass by)", right)

@@ -137,22 +137,38 @@ def localize(route: Route, home: Home, last: Optional[Waypoint] = None, *, in_fl
     if not points:
         wrong = "has nothing but a takeoff, and begins in the air (touchdown_between_files: false)"
         raise WaypointError(route.file, route.points[0].line, "", wrong, "must have a waypoint")
-    waypoints: List[Waypoint] = []
-    before, yaw = start, 0.0
-    for point in points:
-        here = start if point.place is None else home.to_local(point.place)
-        yaw = _yaw(point, before, here, yaw)
-        waypoints.append(Waypoint(*here, point.height_m, yaw, point.hold_s, point.line))
-        before = here
+    local = [start if point.place is None else home.to_local(point.place) for point in points]
+    yaws = _yaws(points, (start, *local), None if last is None else last.yaw_rad)
+    waypoints = tuple(
+        Waypoint(*here, point.height_m, yaw, point.hold_s, point.line) for point, here, yaw in zip(points, local, yaws)
+    )
     places = tuple(home.to_global(*start) if point.place is None else point.place for point in points)
-    return Trajectory(route.file, tuple(waypoints), "yaw", route.names, places)
+    return Trajectory(route.file, waypoints, "yaw", route.names, places)
 
 
-def _yaw(point: RoutePoint, before: Point, here: Point, last: float) -> float:
-    """Return the yaw at a point: its own, else along the way there, else the last one."""
-    if point.yaw_rad is not None:
-        return point.yaw_rad
-    return last if math.dist(before, here) < _STILL_M else math.atan2(here[1] - before[1], here[0] - before[0])
+def _yaws(points: Sequence[RoutePoint], way: Sequence[Point], yaw: Optional[float]) -> Sequence[float]:
+    """Return the yaw at each point: its own, else along the way there, else the last one.
+
+    A takeoff without one, and what comes before any, has that of the point after it: nothing turns for it.
+
+    Args:
+        points: in their order.
+        way: where it begins, and the points.
+        yaw: at the beginning; None: unknown.
+    """
+    found: List[Optional[float]] = []
+    for point, before, here in zip(points, way, way[1:]):
+        if point.yaw_rad is not None:
+            yaw = point.yaw_rad
+        elif not point.takeoff and math.dist(before, here) >= _STILL_M:
+            yaw = math.atan2(here[1] - before[1], here[0] - before[0])
+        found.append(None if point.takeoff and point.yaw_rad is None else yaw)
+    yaws: List[float] = []
+    after = yaw or 0.0
+    for each in reversed(found):
+        after = after if each is None else each
+        yaws.append(after)
+    return yaws[::-1]
 
 
 def localize_fence(route: Route, home: Home) -> Fence:
