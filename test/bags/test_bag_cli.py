@@ -7,6 +7,7 @@ import json
 import os
 import random
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -425,5 +426,6 @@ def test_a_merge_that_is_killed_leaves_no_bag_with_the_manifest_of_another(capsy
         assert beside in (None, old_manifest if output.read_bytes() == old else new_manifest), call
         states.add((output.read_bytes() == old, beside))
         begin()
-    assert states >= {(True, old_manifest), (True, None), (False, None)}
+    between = {(True, None)} if sys.version_info >= (3, 10) else set()  # before, pathlib's own calls are not seen
+    assert states >= {(True, old_manifest), (False, None), *between}
     assert (output.read_bytes(), manifest.read_bytes()) == (new, new_manifest)

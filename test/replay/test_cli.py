@@ -21,7 +21,7 @@ def test_a_replay_prints_timeline_figures_checks_and_verdict(flight_bag, flight_
     assert "Recording: 35.980 s, 3672 messages of 6 topics\n" in out
     assert f"  {'/imu':<40}    1800 messages     50.00 Hz  longest gap 0.020 s at +0.000 s\n" in out
     assert f"  {'battery':<40} bag\n" in out
-    assert out.endswith("Map flight, mission 1: ends in MISSION_ENDED (COMPLETE) after 10 decisions.\n")
+    assert out.endswith("Map flight, mission 1: ends in MISSION_ENDED (COMPLETE) after 11 decisions.\n")
 
 
 def test_the_folder_holds_journal_timeline_result_and_page(tmp_path, flight_bag, flight_map, capsys):

@@ -64,16 +64,16 @@ def test_a_journal_decided_again_by_its_own_rules_is_the_same(lines):
 def test_a_changed_rule_is_found_and_named_with_the_first_different_decision(lines):
     comparison = compare(read("\n".join(lines) + "\n"), load_configuration(CONFIG, CHANGED).rules)
     assert comparison_lines(comparison) == [
-        f"{comparison.events} events decided again, 16 decisions in the journal: {comparison.differences} differences.",
+        f"{comparison.events} events decided again, 17 decisions in the journal: {comparison.differences} differences.",
         f"First difference at +20.421 s, line {comparison.first.event_line}, WatchdogAction:",
-        "  recorded  decision 8, rule failure_wait",
+        "  recorded  decision 9, rule failure_wait",
         "            state     MISSION -> MISSION/flying",
         "            value     failure magnetometer",
         "            value     code 4",
         "            value     action wait",
         "            value     waits at most 10 s",
         "            value     reason no message on /mag for longer than 0.5 s",
-        "  decided   decision 8, rule failure_wait",
+        "  decided   decision 9, rule failure_wait",
         "            state     MISSION -> MISSION/flying",
         "            value     failure magnetometer",
         "            value     code 4",
