@@ -125,6 +125,7 @@ def test_a_wrong_place_of_the_index_brings_no_recording_into_memory(tmp_path):
     at = raw.index(b"index_pos=") + 10
     with Index(path) as index:
         places = [index.chunks[0].position, index.head(0).data]  # of a chunk, and of a connection in it
+    assert len(places) == 2
     for place in places:
         raw[at : at + 8] = struct.pack("<Q", place)
         with path.open("wb") as file:

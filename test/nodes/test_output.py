@@ -376,7 +376,7 @@ def test_what_the_engine_before_still_writes_is_gone_on_with(tmp_path):
     write_journal(tmp_path, clock=run_folder.BOOT_CLOCK)
     before = StillAtIt(tmp_path, lambda: run_folder.write_result(tmp_path, {"in_flight": True}))
     found, said = started(Place(str(tmp_path)))
-    before.thread.join()
+    before.thread.join(10.0)
     assert (found.events, found.journal.lines, said) == ([*EVENTS, Tick(t_ns=11)], 4, [])
 
 
@@ -384,7 +384,7 @@ def test_an_engine_before_that_ends_meanwhile_on_the_ground_has_ended(tmp_path):
     write_journal(tmp_path, clock=run_folder.BOOT_CLOCK)
     before = StillAtIt(tmp_path, lambda: run_folder.write_result(tmp_path, {"in_flight": False}))
     assert started(Place(str(tmp_path))) == (None, [])
-    before.thread.join()
+    before.thread.join(10.0)
     os.close(run_folder.open_locked(tmp_path / "journal.jsonl"))
 
 

@@ -36,7 +36,7 @@ CAUGHT_BY = {
     "swapped severity of barometer": "all_moderate_fail",
     "swapped severity of realsense_camera": "lrf_during_hold",
     "swapped severity of lsm9ds1_imu": "all_moderate_fail",
-    "longer wait for magnetometer": "autopilot_link",
+    "longer wait for magnetometer": "held_and_flown_without",
     "longer wait for barometer": "all_moderate_fail",
     "longer wait for realsense_camera": "demo_flight_anew",
     "shifted limit arm_limit_ns": "does_not_arm",

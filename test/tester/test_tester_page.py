@@ -50,7 +50,7 @@ def test_a_map_a_fault_and_anchors_of_one_s_own(capsys):
     for command in commands:
         assert main(command.partition("#")[0].split()[1:]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("PASS         range: 19 decisions, 3 expectations hold")
+    assert out.startswith("PASS         range: 20 decisions, 3 expectations hold")
     assert "    PASS     exists command HOLD, within_s 0.2, from quiet: " in out
     assert Path("flight.html").stat().st_size < 15_000_000
 
