@@ -57,6 +57,22 @@ def test_every_file_is_checked_from_where_it_takes_off():
         check_files((Trajectory("back.csv", (Waypoint(8.0, 0.0, 2.0, 0.0, 1.0, 2),)),), 1, 2.0, bounds, (30.0, 100.0))
 
 
+def test_every_file_stays_near_its_own_takeoff_too():
+    def flight(name: str, *easts_m: float) -> Trajectory:
+        return Trajectory(name, tuple(Waypoint(x, 0.0, 2.0, 0.0, 1.0, line) for line, x in enumerate(easts_m, 2)))
+
+    bounds, limits = Bounds(max_first_leg_m=50.0), (30.0, 25.0)
+    east, west = flight("a.csv", 0.0, 20.0), flight("b.csv", 20.0, -20.0)
+    check_files((east, flight("b.csv", 20.0, -4.0)), 1, 2.0, bounds, limits)
+    wrong = "x,y: is 40 m from where its file takes off; must be below the distance limit 25, in metres"
+    with pytest.raises(WaypointError) as caught:
+        check_files((east, west), 1, 2.0, bounds, limits)
+    assert str(caught.value) == f"b.csv:3: {wrong}"
+    with pytest.raises(WaypointError) as caught:
+        check_files((flight("a.csv", -20.0, 0.0, 20.0),), 2, 2.0, bounds, limits)
+    assert str(caught.value) == f"a.csv:2: {wrong}", "a repetition takes off where the last file lands"
+
+
 def test_the_battery_is_the_flown_part_of_the_endurance_and_the_reserve():
     assert battery_needed_fraction(250.0, 0.2, FlightModel(endurance_s=1000.0)) == pytest.approx(0.45)
     assert battery_needed_fraction(2500.0, 0.2, FlightModel(endurance_s=1000.0)) > 1.0

@@ -146,7 +146,7 @@ def check_trajectory(
         )
         raise trajectory.error(first_beyond, "", f"has {len(trajectory.waypoints)} waypoints", right)
     for waypoint in trajectory.waypoints:
-        _check_waypoint(trajectory, waypoint, bounds, limits)
+        _check_waypoint(trajectory, waypoint, start, bounds, limits)
     first = trajectory.waypoints[0]
     if first.z_m < takeoff_height_m:
         right = f"the first waypoint must be at the takeoff height ({takeoff_height_m:g} m) or above"
@@ -156,7 +156,10 @@ def check_trajectory(
         _check_leg(trajectory, one, other, bounds.max_leg_m, "the waypoint before")
 
 
-def _check_waypoint(trajectory: Trajectory, waypoint: Waypoint, bounds: Bounds, limits: Tuple[float, float]) -> None:
+def _check_waypoint(
+    trajectory: Trajectory, waypoint: Waypoint, start: Tuple[float, float], bounds: Bounds, limits: Tuple[float, float]
+) -> None:
+    """Check a waypoint by itself, also how far it is from the first takeoff and from its own."""
     height, distance = limits
     way = math.sqrt(waypoint.x_m * waypoint.x_m + waypoint.y_m * waypoint.y_m)
     if not bounds.min_height_m <= waypoint.z_m < height:
@@ -165,6 +168,10 @@ def _check_waypoint(trajectory: Trajectory, waypoint: Waypoint, bounds: Bounds, 
     if not way < distance:
         right = f"must be below the distance limit {distance:g}, in metres"
         raise trajectory.error(waypoint, "place", f"is {way:.6g} m from the takeoff position", right)
+    way = math.hypot(waypoint.x_m - start[0], waypoint.y_m - start[1])
+    if not way < distance:
+        right = f"must be below the distance limit {distance:g}, in metres"
+        raise trajectory.error(waypoint, "place", f"is {way:.6g} m from where its file takes off", right)
     if not 0.0 <= waypoint.hold_s <= bounds.max_hold_s:
         right = f"must be 0 to {bounds.max_hold_s:g}, in seconds"
         raise trajectory.error(waypoint, "hold", f"is {waypoint.hold_s:g}", right)

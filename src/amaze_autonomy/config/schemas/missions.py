@@ -64,7 +64,7 @@ _LIMITS = Group(
         Key(
             "max_distance_m",
             Number(above=0.0, maximum=10000.0),
-            "distance at which it lands",
+            "horizontal distance from each flight's own takeoff at which it lands",
             "left out: autonomy.yaml, flight",
             None,
         ),
