@@ -1,6 +1,6 @@
 """Waypoint files whose places are on the earth, and how they become local ones.
 
-    latitude,longitude,relative_altitude,yaw_deg,holdtime  degrees, metres above the takeoff position,
+    latitude,longitude,relative_altitude,yaw_deg,holdtime  degrees, metres above where this file takes off,
     47.3977418,8.5455939,5.0,0.0,1.0                       yaw from east and seconds as in `waypoints.py`
 
 A route is what such a file or a plan (`plan_file.py`) says. It can be checked and flown once its home is known: the

@@ -1,8 +1,8 @@
 """Waypoint files, and the places on the earth that they may start from: comma-separated, a header, one waypoint a line.
 
     # frame: east_north         metres east and north of the mission's first takeoff; or start_heading, below
-    x,y,z,yaw_deg,holdtime      metres above it, yaw counter-clockwise from the x axis in degrees (yaw_rad: in radians),
-    2.0,0.0,1.5,0.0,1.0         seconds to hold there
+    x,y,z,yaw_deg,holdtime      metres above where this file takes off, yaw counter-clockwise from the x axis in degrees
+    2.0,0.0,1.5,0.0,1.0         (yaw_rad: in radians), seconds to hold there
 
 With `# frame: start_heading` x is ahead of and y left of the vehicle as it stands when it takes off with this file, and
 a yaw of 0 is the heading that it has then. A file that does not say its frame takes it from its mission; where neither
