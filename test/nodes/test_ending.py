@@ -39,6 +39,7 @@ from amaze_autonomy.nodes.autonomy.node import (
     exit_status,
     outcome,
 )
+from amaze_autonomy.nodes.autonomy.outbox import Timeline
 
 LAND = MissionCommand(id=1, limit_ns=1, session_id="s", action=MissionAction.LAND)
 SECOND = AutopilotLand(id=2, limit_ns=1)
@@ -191,16 +192,20 @@ class Followed:
     def __init__(self, *missions):
         self.story, self.events = Story(SHIPPED, *missions), []
         self.watched, self.reasons = ending()
+        self.timeline = Timeline()
         self.story.watch.append(self.see)
         self.story.start().after(0.5).select()
 
-    def see(self, story, _before, event, _commands):
+    def see(self, story, _before, event, commands):
         self.events.append(event)
+        self.timeline.take(event.t_ns, commands)
         self.watched.see(event, story.state)
 
     def goes_on_in_another_process(self):
         self.watched, self.reasons = ending()
-        state = decided_again(list(self.events), SHIPPED, MessageLog(), self.watched)
+        before, self.timeline = self.timeline.text(), Timeline()
+        state = decided_again(list(self.events), SHIPPED, MessageLog(), self.watched, self.timeline)
+        assert self.timeline.text() == before
         assert (state, self.reasons) == (self.story.state, [])
         self.story.feed(EngineStarted, label="test", resumed=True)
 
@@ -265,6 +270,17 @@ def test_what_ended_before_a_restart_counts():
     followed.story.until("MISSION_ENDED")
     assert (followed.results, followed.status) == ([(Result.LANDED_EARLY, WHOLE), (Result.COMPLETE, WHOLE)], 3)
     assert followed.reasons == ["mission ended"]
+
+
+def test_the_report_after_a_restart_tells_of_the_flight_before_it_too():
+    followed = Followed(MISSION)
+    followed.story.until("MISSION", "flying")
+    followed.goes_on_in_another_process()
+    followed.story.until("MISSION_ENDED")
+    text = followed.timeline.text()
+    steps = ["READY -> ", " -> MISSION/flying", "The engine was restarted", " -> MISSION_ENDED"]
+    assert sorted(steps, key=text.index) == steps, text
+    assert text.startswith("     0.000 s  ")
 
 
 def test_what_the_queue_passed_before_a_restart_counts():

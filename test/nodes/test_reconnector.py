@@ -186,7 +186,7 @@ def test_the_report_of_a_flight_has_each_publisher_of_another_type_once_when_it_
         _diagnostics=SimpleNamespace(publish=lambda: None),
         _requests=SimpleNamespace(keep_connected=lambda: None),
     )
-    timeline.message(0, Notify(level=Level.INFO, key="", text="hello"))
+    timeline.take(0, [Notify(level=Level.INFO, key="", text="hello")])
     for _ in range(5):
         AutonomyNode._housekeeping(node)
     line = (

@@ -126,7 +126,7 @@ class AutonomyNode:
         messages = MessageLog()
         self._ending = Ending(self._reasons.put, configuration.rules, exit_when_ended=parameters.exit_when_ended)
         events = unfinished.events if unfinished is not None else []
-        state = decided_again(events, configuration.rules, messages, self._ending)
+        state = decided_again(events, configuration.rules, messages, self._ending, self._timeline)
         self._unattended = Unattended(configuration.rules) if parameters.unattended else None
         self._switch = LandRequests(configuration.without_land_switch)
         self._reconnector = Reconnector()
@@ -406,7 +406,9 @@ class AutonomyNode:
         print("\n".join(lines), flush=True)
 
 
-def decided_again(events: List[Event], rules: Rules, messages: MessageLog, ending: Ending) -> EngineState:
+def decided_again(
+    events: List[Event], rules: Rules, messages: MessageLog, ending: Ending, timeline: Timeline
+) -> EngineState:
     """Return the state that an unfinished journal leads to; forget its events.
 
     Args:
@@ -414,11 +416,13 @@ def decided_again(events: List[Event], rules: Rules, messages: MessageLog, endin
         rules: by which they were decided.
         messages: take those on the way.
         ending: counts the missions that ended on the way.
+        timeline: tells in the report what was decided and said on the way.
     """
     state = EngineState()
     for event in events:
         state, commands = decide(state, event, rules)
         messages.take(event.t_ns, commands)
+        timeline.take(event.t_ns, commands)
         ending.count(event, state)
     events.clear()
     return state

@@ -10,7 +10,7 @@ import threading
 import time
 from math import nan
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, Dict, List, Optional, Set, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Optional, Set, Tuple
 
 import diagnostic_updater
 import rospy
@@ -201,11 +201,7 @@ class Outbox:
     ) -> None:
         ended = self._ended(before, event, state)
         self._wait(written)
-        for command in commands:
-            if isinstance(command, Decision):
-                self._timeline.decision(command)
-            elif isinstance(command, Notify):
-                self._timeline.message(event.t_ns, command)
+        self._timeline.take(event.t_ns, commands)
         self._say(event.t_ns, commands)
         if ended is not None:
             self._publish_state(ended)
@@ -548,8 +544,15 @@ class Timeline:
         self._noted: Set[str] = set()
         self.lines: List[str] = []
 
-    def decision(self, decision: Decision) -> None:
-        """Add a decision."""
+    def take(self, t_ns: int, commands: Iterable[Command]) -> None:
+        """Add what one event has brought: decisions, and messages to the user."""
+        for command in commands:
+            if isinstance(command, Decision):
+                self._decision(command)
+            elif isinstance(command, Notify):
+                self._message(t_ns, command)
+
+    def _decision(self, decision: Decision) -> None:
         where = decision.after + (f"/{decision.step}" if decision.step else "")
         moved = where if decision.before == decision.after else f"{decision.before} -> {where}"
         values = "; ".join(_value(value) for value in decision.values)
@@ -560,8 +563,7 @@ class Timeline:
             parts.append("=> " + ", ".join(decision.commands))
         self._add(decision.t_ns, " | ".join(parts))
 
-    def message(self, t_ns: int, notify: Notify) -> None:
-        """Add a message to the user."""
+    def _message(self, t_ns: int, notify: Notify) -> None:
         advice = f" {notify.advice}" if notify.advice else ""
         self._add(t_ns, f"{notify.level.name}: {notify.text}{advice}")
 
