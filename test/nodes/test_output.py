@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import shutil
@@ -386,6 +387,24 @@ def test_an_engine_before_that_ends_meanwhile_on_the_ground_has_ended(tmp_path):
     assert started(Place(str(tmp_path))) == (None, [])
     before.thread.join(10.0)
     os.close(run_folder.open_locked(tmp_path / "journal.jsonl"))
+
+
+@pytest.fixture(params=[True, False])
+def looked_for_before(request):
+    before = gc.isenabled()
+    (gc.enable if request.param else gc.disable)()
+    yield request.param
+    (gc.enable if before else gc.disable)()
+
+
+def test_a_journal_is_read_without_a_look_for_garbage(tmp_path, monkeypatch, looked_for_before):
+    looked_for, read = [], codec.read
+    monkeypatch.setattr(codec, "read", lambda text: looked_for.append(gc.isenabled()) or read(text))
+    for more in ("", "nonsense\n"):
+        write_journal(tmp_path, clock=run_folder.BOOT_CLOCK, more=more)
+        started(Place(str(tmp_path)))
+        assert gc.isenabled() == looked_for_before
+    assert looked_for == [False, False]
 
 
 def test_beside_an_engine_that_still_runs_none_is_started(tmp_path, monkeypatch):

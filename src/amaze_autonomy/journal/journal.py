@@ -279,7 +279,7 @@ def _finite(value: Any) -> Any:
 
 def _parse(line: str, line_number: int) -> Dict[str, Any]:
     try:
-        data = json.loads(line, parse_constant=_no_constant, object_pairs_hook=_no_duplicates)
+        data = _decode_json(line)
     except (ValueError, RecursionError) as error:
         raise JournalError(f"not JSON: {error}", line_number, "truncated or damaged") from error
     if not isinstance(data, dict):
@@ -298,6 +298,9 @@ def _no_duplicates(pairs: List[Tuple[str, Any]]) -> Dict[str, Any]:
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"{twice} stands there twice")
     return data
+
+
+_decode_json = json.JSONDecoder(parse_constant=_no_constant, object_pairs_hook=_no_duplicates).decode
 
 
 def _renamed(decision: Dict[str, Any]) -> Dict[str, Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import gc
 import json
 import os
 import stat
@@ -263,13 +264,23 @@ def _taken_up(path: Path, header: Dict[str, Any], place: Place) -> Optional[Unfi
             os.close(descriptor)
             return None
         data = path.read_bytes()
-        read = codec.read(data[: codec.whole_lines(data)].decode())
+        read = _read(data)
         journal = go_on(path, descriptor, place.elsewhere)
     except (OSError, UnicodeDecodeError, codec.JournalError) as error:
         os.close(descriptor)
         raise _cannot_be_read(path, error) from error
     events = [line.payload for line in read.lines if isinstance(line.payload, Event)]
     return Unfinished(path, header, events, journal)
+
+
+def _read(data: bytes) -> codec.Journal:
+    looked_for = gc.isenabled()
+    gc.disable()  # very many values without cycles: looking for those takes as long as all the rest
+    try:
+        return codec.read(data[: codec.whole_lines(data)].decode())
+    finally:
+        if looked_for:
+            gc.enable()
 
 
 def _cannot_be_read(path: Path, error: Exception) -> StartError:
