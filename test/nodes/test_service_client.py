@@ -65,7 +65,7 @@ class Service:
     def __init__(self, master, *, answer=GOOD, header=None, die=False):
         master.services.append(self)
         self._answer, self._header, self._die = answer, header, die
-        self.connections, self.requests = [], []
+        self.connections, self.requests, self.ends = [], [], []
         self.changed = threading.Condition()
         self._listener = socket.create_server(("127.0.0.1", 0))
         master.known[NAME] = f"rosrpc://127.0.0.1:{self._listener.getsockname()[1]}"
@@ -90,9 +90,11 @@ class Service:
         while True:
             try:
                 data = connection.recv(65536)
-            except OSError:
+            except OSError as error:
+                self._note(type(error))
                 return
             if not data:
+                self._note(None)
                 return
             with self.changed:
                 self.requests.append(srv.StartRecordingRequest().deserialize(data[4:]))
@@ -103,6 +105,11 @@ class Service:
             if self._answer is not None:
                 with contextlib.suppress(OSError):
                     connection.sendall(self._answer)
+
+    def _note(self, end):
+        with self.changed:
+            self.ends.append(end)
+            self.changed.notify_all()
 
     def end(self):
         for each in (self._listener, *self.connections):
@@ -210,6 +217,28 @@ def test_a_peer_that_hangs_ends_at_the_limit(master, client):
     with pytest.raises(CallTimeoutError, match="did not answer within the limit"):
         call(client, SOON)
     assert SOON <= time.monotonic() - began < 5.0
+
+
+@pytest.mark.parametrize("expires, end", [(True, ConnectionResetError), (False, None)])
+def test_a_request_that_expires_is_discarded_with_its_connection_at_the_limit(master, client, expires, end):
+    """A reset discards what the kernel has not yet delivered; an orderly end comes behind it."""
+    service = Service(master, answer=None)
+    with pytest.raises(CallTimeoutError):
+        client.ask(SOON, expires=expires, session_id="s")
+    with service.changed:
+        assert service.changed.wait_for(lambda: service.ends, 5.0)
+    assert service.ends == [end]
+
+
+def test_a_connection_that_carried_what_expires_delivers_what_does_not(master, client):
+    service = Service(master)
+    client.ask(2.0, expires=True, session_id="s")
+    service._answer = None
+    with pytest.raises(CallTimeoutError):
+        client.ask(SOON, session_id="s")
+    with service.changed:
+        assert service.changed.wait_for(lambda: service.ends, 5.0)
+    assert (service.ends, len(service.connections)) == ([None], 1)
 
 
 def test_a_late_answer_reaches_nobody(master, client):

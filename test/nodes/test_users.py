@@ -12,7 +12,7 @@ rospy = pytest.importorskip("rospy")
 
 from rospy.impl.tcpros import init_tcpros  # noqa: E402
 from rospy.impl.tcpros_base import get_tcpros_server_address  # noqa: E402
-from rospy.impl.tcpros_service import ServiceImpl, get_service_manager  # noqa: E402
+from rospy.impl.tcpros_service import get_service_manager  # noqa: E402
 
 from amaze_autonomy import srv  # noqa: E402
 from amaze_autonomy.console.link import AnswerCame  # noqa: E402
@@ -32,6 +32,7 @@ from amaze_autonomy.engine.state import evolve  # noqa: E402
 from amaze_autonomy.nodes.autonomy import users  # noqa: E402
 from amaze_autonomy.nodes.autonomy.engine_thread import EngineThread, Inbox  # noqa: E402
 from amaze_autonomy.nodes.autonomy.users import UserDesk  # noqa: E402
+from amaze_autonomy.ros.asker import AskedService  # noqa: E402
 from amaze_autonomy.ros.clock import MonotonicClock  # noqa: E402
 from amaze_autonomy.ros.service_client import ServiceClient  # noqa: E402
 
@@ -273,7 +274,7 @@ def test_a_defect_of_the_taking_up_keeps_nothing_from_being_decided(monkeypatch,
 def console(monkeypatch, desk):
     """What a console is answered by the desk, over real sockets and without a master."""
     init_tcpros()
-    monkeypatch.setitem(get_service_manager().map, COMMAND, ServiceImpl(COMMAND, srv.UserCommand, desk._named))
+    service = AskedService(COMMAND, srv.UserCommand, desk._named)
     monkeypatch.setattr(ServiceClient, "_look_up", lambda *_: get_tcpros_server_address())
     came = SimpleQueue()
     link = RosLink(came.put, None, quiet=False)
@@ -283,7 +284,8 @@ def console(monkeypatch, desk):
         link.send(Request(RequestKind.COMMAND, 7, each))
         return came.get(timeout=LIMIT_S)
 
-    return ask
+    yield ask
+    get_service_manager().unregister(COMMAND, service)
 
 
 @pytest.mark.live

@@ -6,18 +6,23 @@ from __future__ import annotations
 import contextlib
 import signal
 import socket
+import subprocess
 import time
 from typing import Any, List
 from urllib.parse import urlparse
 
 import rosgraph
 import rospy
+from amaze_autonomy.srv import UserCommand
 from behaviours import Behaviours
 from hitches import allowed_s
 from stack import Stack
 
 from amaze_autonomy import msg
 from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.engine.events import UserRequest
+from amaze_autonomy.ros.errors import CallTimeoutError
+from amaze_autonomy.ros.service_client import ServiceClient
 
 stalls = Behaviours()
 FLIES_ON_NS = 2_000_000_000
@@ -77,6 +82,34 @@ def code_16_while_the_engine_is_stopped_lands_when_it_goes_on(stack: Stack) -> N
     first = decisions_after(stack, stopped_ns)[0]
     assert "imu" in [value.value for value in first.values], first
     assert stopped_ns + 250_000_000 <= first.t_ns <= stopped_ns + 1_000_000_000, "not stamped with when it came"
+
+
+@stalls.add(overrides=("autonomy.require_go=true",))
+def takeoff_that_nobody_waits_for_any_more_is_not_carried_out_when_the_engine_goes_on(stack: Stack) -> None:
+    """Neither that of a console, which gave up, nor that of a call from a terminal, which gives up as well."""
+    stack.wait_state("READY")
+    service = f"/{stack.name}/autonomy"
+    console = ServiceClient(f"{service}/command", UserCommand, rosgraph.get_master_uri(), "/operator")
+    console.keep(5.0)
+    stack.signal_engine(signal.SIGSTOP)
+    words = ["rosservice", "call", f"{service}/go"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as terminal:
+        try:
+            console.ask(10.0, expires=True, command="go")
+        except CallTimeoutError:
+            time.sleep(10.0)
+        else:
+            raise AssertionError("an engine that is stopped has answered")
+        finally:
+            stack.signal_engine(signal.SIGCONT)
+        said = terminal.communicate(timeout=stack.patience_s)[0]
+    assert "Unable to communicate with service" in said, said
+    stack.wait(lambda: "go: it came" in stack.log(), "what is said of the request of the console")
+    assert stack.events(UserRequest) == []
+    assert "TAKEOFF" not in stack.commands()
+    stack.wait_state("READY")
+    assert stack.ask("go")[0] == 1
+    stack.wait_state("MISSION")
 
 
 @stalls.add("land", mission="long")

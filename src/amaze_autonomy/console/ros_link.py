@@ -24,8 +24,9 @@ from amaze_autonomy.console.link import (
 )
 from amaze_autonomy.console.model import DEFAULT_ENGINE, STALE_AFTER_S, Request, RequestKind, Verdict
 from amaze_autonomy.console.wire import collecting_of, missions_of, notes_of, snapshot_of, verdict_of
+from amaze_autonomy.engine.events import SAFE
 from amaze_autonomy.msg import AutonomyState, OperatorMessages, RecordingStatus
-from amaze_autonomy.ros.errors import CallError, NodeError
+from amaze_autonomy.ros.errors import CallError, CallTimeoutError, NodeError
 from amaze_autonomy.ros.rospy_flaws import mend_rospy
 from amaze_autonomy.ros.service_client import ServiceClient
 from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
@@ -33,6 +34,7 @@ from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
 from .wire import clean
 
 _LOOK_S, _CONNECT_S, _ANSWER_S = 1.0, 0.5, 10.0
+_TAKEN_BACK = "; it may have been carried out; if not by now, it is not any more"
 _SERVICES = {"list_missions": ListMissions, "select_mission": SelectMission, "command": UserCommand}
 
 
@@ -44,7 +46,7 @@ class RosLink(Link):
     that a phase still takes and the recording on each platform.
     Calls: `<engine>/list_missions` (ListMissions), `<engine>/select_mission` (SelectMission), `<engine>/command`
     (UserCommand). Each call has its own thread: one that hangs delays no other. Connections stay open: a command needs
-    no ROS master.
+    no ROS master. What moves the vehicle is taken back when it was not answered in time, or when this process ends.
     Parameters: `~engine` (string), `~mission` (string, number or a list of them), where the command line says nothing.
 
     A master or an engine that is not there yet, goes away or comes back is waited for and found again.
@@ -162,14 +164,20 @@ class RosLink(Link):
         if request.kind is RequestKind.LIST:
             return MissionsCame(request.id, missions_of(self._ask("list_missions")))
         if request.kind is RequestKind.SELECT:
-            reply = self._ask("select_mission", mission_ids=list(request.missions))
+            reply = self._ask("select_mission", expires=True, mission_ids=list(request.missions))
             verdict = Verdict.DONE if reply.accepted else Verdict.REFUSED
             return AnswerCame(request.id, verdict, clean(reply.message))
-        reply = self._ask("command", command="" if request.command is None else request.command.value)
+        command = "" if request.command is None else request.command.value
+        reply = self._ask("command", expires=request.command not in SAFE, command=command)
         return AnswerCame(request.id, verdict_of(reply.answer), clean(reply.message))
 
-    def _ask(self, name: str, **fields: Any) -> Any:
+    def _ask(self, name: str, *, expires: bool = False, **fields: Any) -> Any:
         """Call a service of the engine.
+
+        Args:
+            name: of the service.
+            expires: nobody may be surprised by it after he was told that there is no answer.
+            fields: of the request.
 
         Raises:
             NodeError: There is no answer; the text says why.
@@ -178,7 +186,9 @@ class RosLink(Link):
         if service is None:
             raise NodeError("not connected yet")
         try:
-            return service.ask(_ANSWER_S, **fields)
+            return service.ask(_ANSWER_S, expires=expires, **fields)
+        except CallTimeoutError as error:
+            raise NodeError(f"{service.name}: {error}{_TAKEN_BACK if expires else ''}") from error
         except CallError as error:
             raise NodeError(f"{service.name}: {error}") from error
 

@@ -34,6 +34,8 @@ import rospy
 import rospy.core
 from rospy.impl.tcpros_base import TCPROSServer, TCPServer
 
+from .asker import note_accepted
+
 
 def mend_rospy() -> None:
     """Call it before `rospy.init_node`; more than once is the same."""
@@ -68,6 +70,7 @@ _silent_lock = threading.Lock()
 
 
 def _accept(server: Any, sock: socket.socket, address: Any) -> None:
+    note_accepted(sock)
     with _silent_lock:
         _silent[id(sock)] = sock
         oldest = next(iter(_silent.values())) if len(_silent) > _MOST_SILENT else None

@@ -4,6 +4,9 @@
 caller for ever. This client speaks the same protocol (TCPROS, http://wiki.ros.org/ROS/TCPROS) with a limit on every
 step, sends a request without blocking when a connection is open, and notices that a restarted peer has left a
 connection dead before it sends anything on it. A request is never sent twice.
+
+Giving up takes nothing back: what was sent while the network was away is delivered when it returns, minutes later. A
+request that must not come so late expires: with its connection it is discarded, also when this process is killed.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from .liveness import call
 Serialized = bytes
 _LONGEST = 16 * 1024 * 1024  # bytes; a longer answer is nonsense
 _MOST_IDLE = 4  # connections to one service that wait for a request
+_DISCARD, _DELIVER = struct.pack("ii", 1, 0), struct.pack("ii", 0, 0)  # what closing does to what is under way
 
 
 class Connection:
@@ -45,9 +49,15 @@ class Connection:
         except (OSError, ValueError):
             return False
 
-    def send(self, data: Serialized) -> bool:
-        """Send a whole request without waiting; False when it cannot go out at once: the connection is then useless."""
+    def send(self, data: Serialized, *, expires: bool = False) -> bool:
+        """Send a whole request without waiting; False when it cannot go out at once: the connection is then useless.
+
+        Args:
+            data: the request.
+            expires: when the connection is closed, it is not to arrive any more.
+        """
         try:
+            self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _DISCARD if expires else _DELIVER)
             return self._sock.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL) == len(data)
         except OSError:
             return False
@@ -126,13 +136,19 @@ class ServiceClient:
         body = buffer.getvalue()
         return struct.pack("<I", len(body)) + body
 
-    def ask(self, limit_s: float, **fields: Any) -> Any:
+    def ask(self, limit_s: float, *, expires: bool = False, **fields: Any) -> Any:
         """Make a request of its fields, send it, and wait for its answer.
+
+        Args:
+            limit_s: how long.
+            expires: what has not arrived by then is not to arrive any more.
+            fields: of the request.
 
         Raises:
             CallError: There was no good answer within the limit.
         """
-        return self.call(self.serialize(self.service._request_class(**fields)), time.monotonic() + limit_s)
+        data = self.serialize(self.service._request_class(**fields))
+        return self.call(data, time.monotonic() + limit_s, expires=expires)
 
     def parse(self, body: bytes) -> Any:
         """Return the answer that a body holds.
@@ -153,14 +169,14 @@ class ServiceClient:
             raise BrokenCallError(f"answered nonsense: {len(body)} bytes are no {response._type}")
         return response
 
-    def send_now(self, data: Serialized) -> Optional[Connection]:
+    def send_now(self, data: Serialized, *, expires: bool = False) -> Optional[Connection]:
         """Send a request on an idle connection without waiting for anything; None when there is no live one."""
         while True:
             with self._lock:
                 connection = self._idle.pop() if self._idle else None
             if connection is None:
                 return None
-            if connection.alive and connection.send(data):
+            if connection.alive and connection.send(data, expires=expires):
                 return connection
             connection.close()
 
@@ -178,16 +194,16 @@ class ServiceClient:
         self._give_back(connection)
         return self.parse(body)
 
-    def call(self, data: Serialized, deadline_s: float) -> Any:
+    def call(self, data: Serialized, deadline_s: float, *, expires: bool = False) -> Any:
         """Send a request and wait for its answer, connecting first if need be.
 
         Raises:
             CallError: There was no good answer by the deadline.
         """
-        connection = self.send_now(data)
+        connection = self.send_now(data, expires=expires)
         if connection is None:
             connection = self.connect(deadline_s)
-            if not connection.send(data):
+            if not connection.send(data, expires=expires):
                 connection.close()
                 raise BrokenCallError("the connection broke before the request was sent")
         return self.finish(connection, deadline_s)

@@ -2,7 +2,9 @@
 
 A call that is not answered in time fails, and its words say what becomes of it. What nobody waits for any more is not
 decided about, when the engine's thread comes to it: a vehicle that takes off long after its user was told that it does
-not would surprise him. What stops the vehicle or brings it down is never too late.
+not would surprise him. Nobody waits any more when the call has failed, when its asker has closed the connection, and
+when it is old: it lay in a socket, for this process did not run. What stops the vehicle or brings it down is never too
+late.
 """
 
 from __future__ import annotations
@@ -27,12 +29,16 @@ from amaze_autonomy.engine.state import EngineState, State
 from ...engine.context import Context
 from ...engine.decide import available
 from ...engine.events import Mission
+from ...ros.asker import AskedService, Asker, asker_of
 from ...ros.interface import number
 from .engine_thread import UserEvent
 
 _ANSWER_LIMIT_S = 3.0
+_OLDEST_S = 3.0  # from when a request came to this computer until it is decided about
 _LATE = "the engine did not answer in time; the command {what}"
 _MAYBE, _NEVER = "may still be carried out", "is not carried out"
+_OLD = "it came {age_s:.0f} s ago, and the engine did not run; it is not carried out: look at the state and ask again"
+_GONE = "who asked has gone; it is not carried out"
 _COMMANDS: Mapping[str, UserCommand] = {command.value: command for command in UserCommand}
 
 
@@ -50,14 +56,22 @@ def choose(missions: Sequence[Mission], ids: Sequence[str], t_ns: int, request_i
 
 @dataclass
 class _Asked:
-    """A request that a user waits for: its answer, and whether the engine has begun to decide about it."""
+    """A request that a user waits for: who, its answer, and whether the engine has begun to decide about it."""
 
+    asker: Asker
     answer: SimpleQueue[Answer] = field(default_factory=SimpleQueue)
     taken_up: bool = False
 
 
 def _is_safe(event: UserEvent) -> bool:
     return isinstance(event, UserRequest) and event.command in SAFE
+
+
+def _too_late(asker: Asker) -> str:
+    """Return why nobody decides about what is asked; empty: it is in time."""
+    if asker.age_s > _OLDEST_S:
+        return _OLD.format(age_s=asker.age_s)
+    return _GONE if asker.has_gone_behind_it() else ""
 
 
 class UserDesk:
@@ -87,11 +101,11 @@ class UserDesk:
         """Offer the services."""
         self._services = [
             rospy.Service("~list_missions", srv.ListMissions, lambda _: self._list()),
-            rospy.Service("~select_mission", srv.SelectMission, self._select),
+            AskedService("~select_mission", srv.SelectMission, self._select),
         ]
-        self._services.append(rospy.Service("~command", srv.UserCommand, self._named))
+        self._services.append(AskedService("~command", srv.UserCommand, self._named))
         for command in UserCommand:
-            self._services.append(rospy.Service(f"~{command.value}", Trigger, partial(self._triggered, command)))
+            self._services.append(AskedService(f"~{command.value}", Trigger, partial(self._triggered, command)))
 
     def answer(self, answer: Answer) -> None:
         """Hand an answer to the user who waits for it."""
@@ -104,11 +118,13 @@ class UserDesk:
         """Tell whether what a user asks is still to be decided about; the engine's thread asks, just before it does."""
         if not event.request_id:
             return True  # a parameter's mission, a switch, who stands in for a user: nobody waits for an answer
+        safe = _is_safe(event)
         with self._lock:
             asked = self._waiting.get(event.request_id)
-            if asked is not None:
-                asked.taken_up = True
-        return asked is not None or _is_safe(event)
+            if asked is None:
+                return safe
+            asked.taken_up = safe or not (asked.asker.age_s > _OLDEST_S or asked.asker.has_gone())
+            return asked.taken_up
 
     def _named(self, request: Any) -> Any:
         """Carry out the command that is named."""
@@ -116,35 +132,45 @@ class UserDesk:
         if command is None:
             message = f"there is no command {request.command!r}; there are {', '.join(_COMMANDS)}"
             return srv.UserCommandResponse(answer=AnswerKind.REFUSED.value, message=message)
-        answer = self._command(command)
+        answer = self._command(command, asker_of(request))
         return srv.UserCommandResponse(answer=answer.answer.value, message=answer.message)
 
-    def _triggered(self, command: UserCommand, _request: Any) -> Any:
+    def _triggered(self, command: UserCommand, request: Any) -> Any:
         """Carry out a command for who has no messages of ours; what is so already has succeeded."""
-        answer = self._command(command)
+        answer = self._command(command, asker_of(request))
         return TriggerResponse(success=answer.answer is not AnswerKind.REFUSED, message=answer.message)
 
-    def _command(self, command: UserCommand) -> Answer:
-        return self._ask(lambda request_id: UserRequest(t_ns=self._now_ns(), command=command, request_id=request_id))
+    def _command(self, command: UserCommand, asker: Asker) -> Answer:
+        def make(request_id: int) -> UserEvent:
+            return UserRequest(t_ns=self._now_ns(), command=command, request_id=request_id)
+
+        return self._ask(make, asker, command.value, safe=command in SAFE)
 
     def _select(self, request: Any) -> Any:
         ids = [each.strip() for each in request.mission_ids]
-        answer = self._ask(lambda request_id: choose(self._missions, ids, self._now_ns(), request_id))
+
+        def make(request_id: int) -> UserEvent:
+            return choose(self._missions, ids, self._now_ns(), request_id)
+
+        answer = self._ask(make, asker_of(request), "select_mission")
         return srv.SelectMissionResponse(accepted=answer.answer is AnswerKind.DONE, message=answer.message)
 
-    def _ask(self, make: Callable[[int], UserEvent]) -> Answer:
-        """Put a request and wait for its answer.
+    def _ask(self, make: Callable[[int], UserEvent], asker: Asker, name: str, *, safe: bool = False) -> Answer:
+        """Put a request and wait for its answer; refuse what is too late already, unless it is never too late.
 
         Raises:
             rospy.ServiceException: There is none in time; it says what becomes of the request.
         """
-        asked = _Asked()
+        too_late = "" if safe else _too_late(asker)
+        if too_late:
+            rospy.logwarn("%s: %s", name, too_late)
+            return Answer(request_id=0, answer=AnswerKind.REFUSED, message=too_late)
+        asked = _Asked(asker)
         with self._lock:
             request_id = next(self._ids)
             self._waiting[request_id] = asked
         try:
-            event = make(request_id)
-            self._put(event)
+            self._put(make(request_id))
             with suppress(Empty):
                 return asked.answer.get(timeout=_ANSWER_LIMIT_S)
         finally:
@@ -152,8 +178,8 @@ class UserDesk:
                 del self._waiting[request_id]
         if not asked.answer.empty():  # it came with the limit
             return asked.answer.get()
-        words = _LATE.format(what=_MAYBE if asked.taken_up or _is_safe(event) else _NEVER)
-        rospy.logwarn("%s: %s", event.command.value if isinstance(event, UserRequest) else "select_mission", words)
+        words = _LATE.format(what=_MAYBE if asked.taken_up or safe else _NEVER)
+        rospy.logwarn("%s: %s", name, words)
         raise rospy.ServiceException(words)
 
     def _list(self) -> Any:
