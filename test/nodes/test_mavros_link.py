@@ -12,6 +12,8 @@ import pytest
 
 pytest.importorskip("rospy")
 
+from genpy import SerializationError
+
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.mavros.messages import BATTERY, EKF, HOME, ORIGIN, RECEIVED
 from amaze_autonomy.autopilot.mavros.requests import LATE_NS, Lane, request_of
@@ -26,6 +28,7 @@ from amaze_autonomy.nodes.vehicle.mavros_link import MavrosLink
 from amaze_autonomy.ros.errors import CallTimeoutError
 
 LIMIT_S, S = 5.0, 1_000_000_000
+NO_FIELD = "'types.SimpleNamespace' object has no attribute 'mode_sent'"
 PX4 = mavlink.MAV_AUTOPILOT_PX4
 
 
@@ -43,6 +46,7 @@ class Services:
 
     def __init__(self):
         self.called, self.hanging, self.kept = [], {}, []
+        self.failing = {}  # what a function fails with, each thing once
         self.changed = threading.Condition()
 
     def client(self, name, _service, _master, _caller):
@@ -50,17 +54,26 @@ class Services:
             with self.changed:
                 self.called.append(fields.get("custom_mode", fields.get("command")))
                 self.changed.notify_all()
+            self.fail("ask")
             goes_on = self.hanging.get(name)
             if goes_on is not None and not goes_on.wait(LIMIT_S):
                 raise CallTimeoutError("did not answer within the limit")
-            return SimpleNamespace(success=True, mode_sent=True, result=0)
+            strange = self.failing.pop("answer", None)
+            return strange or SimpleNamespace(success=True, mode_sent=True, result=0)
 
         def keep(_limit_s):
             with self.changed:
                 self.kept.append(name)
                 self.changed.notify_all()
+            self.fail("keep")
 
         return SimpleNamespace(name=name, ask=ask, keep=keep)
+
+    def fail(self, place):
+        with self.changed:
+            error = self.failing.pop(place, None)
+        if error is not None:
+            raise error
 
     def wait(self, expected):
         return self.until(lambda: expected in self.called)
@@ -80,9 +93,14 @@ def services(monkeypatch):
 
 
 @pytest.fixture
-def link(services):
+def complaints():
+    return []
+
+
+@pytest.fixture
+def link(services, complaints):
     client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
-    made = MavrosLink("/mavros", client, CLIENT_MESSAGES, lambda: 0, lambda _: None)
+    made = MavrosLink("/mavros", client, CLIENT_MESSAGES, lambda: 0, complaints.append)
     made._announce = lambda: None
     threads = [threading.Thread(target=made._serve, args=(lane,)) for lane in Lane]
     made.begin = lambda: [each.start() for each in threads]
@@ -104,6 +122,51 @@ def test_a_landing_waits_for_no_command_that_hangs(link, services, hanging):
     assert services.wait(hanging.command)
     link._enqueue(LAND)
     assert services.wait("AUTO.LAND")
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(
+    "place, error, words",
+    [
+        ("ask", MemoryError(), "/mavros/set_mode: MemoryError: "),
+        ("ask", SerializationError("field custom_mode"), "/mavros/set_mode: SerializationError: field custom_mode"),
+        (
+            "answer",
+            SimpleNamespace(ok=True),
+            "AttributeError: 'types.SimpleNamespace' object has no attribute 'mode_sent'",
+        ),
+        ("keep", MemoryError(), "MemoryError: "),
+    ],
+    ids=["memory", "request", "another version", "idle"],
+)
+def test_a_landing_is_commanded_after_whatever_went_wrong_before_it(link, services, complaints, place, error, words):
+    services.failing[place] = error
+    link.begin()
+    link._enqueue(MISSION)
+    assert services.wait("AUTO.MISSION")
+    assert services.until(lambda: not services.failing)
+    link._enqueue(LAND)
+    assert services.wait("AUTO.LAND")
+    assert services.until(lambda: link.state.errors and complaints)
+    assert (link.state.errors, complaints) == (1, [words])
+
+
+@pytest.mark.live
+def test_a_landing_is_commanded_though_nothing_can_be_said_of_what_went_wrong(link, services, monkeypatch):
+    def complain(_words):
+        raise MemoryError
+
+    monkeypatch.setattr(link, "_complain", complain)
+    services.failing["ask"] = MemoryError()
+    link.begin()
+    for request, mode in ((MISSION, "AUTO.MISSION"), (LAND, "AUTO.LAND")):
+        link._enqueue(request)
+        assert services.wait(mode)
+
+
+def test_a_mission_whose_call_fails_in_whatever_way_is_answered_as_one_that_failed(link, services):
+    services.failing["ask"] = MemoryError()
+    assert link._call(MISSION) is None
 
 
 @pytest.mark.live

@@ -18,6 +18,7 @@ import queue
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from typing import Any, Callable, Deque, Dict, Iterable, Tuple
 
 import rosgraph
@@ -253,31 +254,45 @@ class MavrosLink(ClientHost):
     def _serve(self, lane: Lane) -> None:
         while not self._ended.is_set():
             try:
-                asked_ns, request = self._requests[lane].get(timeout=_LOOK_S)
-            except queue.Empty:
-                if lane in COMMAND_SERVICES:
-                    self._services[COMMAND_SERVICES[lane]].keep(_LOOK_S)
-                continue
-            if is_late(request, time.monotonic_ns() - asked_ns):
-                self._unsent += 1
-                continue
-            answer = self._call(request)
-            with self._changed:
-                for message in self._answers(request, answer):
-                    self._answer(message)
-                self._announce()
+                self._serve_once(lane)
+            except Exception as error:  # whatever it is: a landing comes after it
+                self._failed("", error)
+
+    def _serve_once(self, lane: Lane) -> None:
+        try:
+            asked_ns, request = self._requests[lane].get(timeout=_LOOK_S)
+        except queue.Empty:
+            if lane in COMMAND_SERVICES:
+                self._services[COMMAND_SERVICES[lane]].keep(_LOOK_S)
+            return
+        if is_late(request, time.monotonic_ns() - asked_ns):
+            self._unsent += 1
+            return
+        answer = self._call(request)
+        with self._changed:
+            for message in self._answers(request, answer):
+                self._answer(message)
+            self._announce()
+
+    def _failed(self, where: str, error: Exception) -> None:
+        """Count a defect and complain, if there is the memory for it."""
+        self._errors += 1
+        with suppress(Exception):
+            self._say(f"{where}{type(error).__name__}: {error}")
 
     def _call(self, request: Request) -> Any:
         """Return what a service answers; None: nothing."""
         service, fields = self._services[request.service], dict(request.fields)
-        if "waypoints" in fields:
-            fields["waypoints"] = [self._types["mavros_msgs/Waypoint"](**each) for each in fields["waypoints"]]
         try:
+            if "waypoints" in fields:
+                fields["waypoints"] = [self._types["mavros_msgs/Waypoint"](**each) for each in fields["waypoints"]]
             return service.ask(CALL_LIMITS_S[request.lane], **fields)
         except CallError as error:
             self._unsent += 1
             self._say(f"{service.name}: {error}")
-            return None
+        except Exception as error:  # who waits for the answer hears that there is none
+            self._failed(f"{service.name}: ", error)
+        return None
 
     def _answers(self, request: Request, answer: Any) -> Iterable[Message]:
         if request.lane is Lane.MISSION:
