@@ -40,7 +40,7 @@ def serve():
 
     def decide():
         while True:
-            event = events.get()
+            event = events.get(timeout=600.0)
             if desk.take_up(event):
                 print(event.command.value, flush=True)
                 desk.answer(Answer(request_id=event.request_id, answer=AnswerKind.DONE, message="done"))
@@ -66,7 +66,7 @@ def console(place):
 
     def ask(word):
         link.send(Request(RequestKind.COMMAND, 1, UserCommand(word)))
-        answer = came.get()
+        answer = came.get(timeout=60.0)
         return f"{answer.verdict.name}: {answer.message}"
 
     return ask

@@ -92,7 +92,7 @@ class World:
         return made
 
     def network(self, state):
-        subprocess.run([*self.inside, "ip", "link", "set", "lo", state], check=True)
+        subprocess.run([*self.inside, "ip", "link", "set", "lo", state], check=True, timeout=20.0)
 
     def decided(self):
         """Return what has been decided about so far: the hold that is asked for now is the last."""
@@ -117,7 +117,7 @@ def world():
 
 @pytest.fixture(scope="module")
 def far():
-    if subprocess.run(["unshare", "--net", "true"], check=False, capture_output=True).returncode:
+    if subprocess.run(["unshare", "--net", "true"], check=False, capture_output=True, timeout=20.0).returncode:
         pytest.skip("no right to make a network namespace")
     made = World(("unshare", "--net", "sh", "-c", 'ip link set lo up && exec "$@"', "sh"))
     yield made
