@@ -499,7 +499,7 @@ def test_a_hold_by_set_points_is_not_commanded_over_that_of_a_failsafe():
     found.craft.enter_failsafe(LOITER)
     found.run(2 * S)
     told_ns = found.t_ns
-    assert found.command(A.HOLD) == "the autopilot acts by its failsafe (mode AUTO.LOITER)"
+    assert found.command(A.HOLD) == FAILSAFE
     found.run(S)
     assert (found.since(told_ns), found.craft.mode) == ([], LOITER)
 

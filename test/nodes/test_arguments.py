@@ -15,6 +15,7 @@ pytest.importorskip("rospy")
 import rospy
 from launched import launched
 
+from amaze_autonomy.monitoring.restart import why_kept
 from amaze_autonomy.ros import node_main
 from amaze_autonomy.ros.arguments import (
     ARGUMENTS,
@@ -132,6 +133,12 @@ def test_no_node_reads_a_parameter_that_names_a_path_a_command_or_the_configurat
     published = {"state", "messages", "state_name", "journal", "list_missions", "select_mission", "command"}
     assert not set(ARGUMENTS) & found
     assert found - published <= HARMLESS
+
+
+@pytest.mark.parametrize("node", sorted({*NODES, "node_group"} - {"simulation", "recorded_peers", "web"}))
+def test_every_node_of_ours_that_a_flight_needs_is_kept_by_the_watchdog(node):
+    """Those left out have names that a stranger's node may have, and no real flight needs them."""
+    assert why_kept(f"/{node}", {}) == f"/{node} is a node of this stack"
 
 
 def test_the_manual_of_integrators_has_the_words_of_each_node():

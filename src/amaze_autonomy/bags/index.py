@@ -478,7 +478,7 @@ def _has_entries(buffer: Buffer, place: int, limit: int) -> bool:
             if size:
                 return True
     except RecordError:
-        pass
+        return False  # a record of another kind: the index records end there
     return False
 
 
