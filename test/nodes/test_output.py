@@ -8,6 +8,7 @@ import os
 import shutil
 import threading
 from dataclasses import replace
+from datetime import datetime, timezone
 from types import SimpleNamespace
 from unittest.mock import Mock, patch
 
@@ -83,6 +84,28 @@ def test_folders_of_runs_and_results_are_for_user_and_group(home):
     assert {oct(each.stat().st_mode & 0o777) for each in (home, *found) if each.is_dir()} == {"0o750"}
     assert {oct(each.stat().st_mode & 0o777) for each in found if each.is_file()} == {"0o640"}
     assert found >= {named / "earlier" / "journal.jsonl", named / "result.json", home / "journals", removed}
+
+
+@pytest.mark.usefixtures("home")
+def test_two_engines_of_one_second_have_sessions_and_journals_of_their_own(tmp_path):
+    now = datetime(2026, 11, 27, 6, 51, 51, 999_000, tzinfo=timezone.utc)
+    labels = [run_folder.own_label(now) for _ in range(3)]
+    assert labels == ["20261127T065151", "20261127T065152", "20261127T065153"]
+    assert run_folder.registered(f"{labels[0]}-001") is None, "its journal is not there yet"
+    for label in labels[:2]:
+        (tmp_path / label).mkdir()
+        write_journal(tmp_path / label)
+        run_folder.register(label, tmp_path / label / "journal.jsonl")
+    found = [run_folder.registered(f"{label}-001") for label in labels]
+    assert found == [tmp_path / label / "journal.jsonl" for label in labels[:2]] + [None]
+    assert run_folder.own_label(now) == "20261127T065154"
+
+
+@pytest.mark.parametrize("file", ["", "journals"])
+def test_where_nothing_can_be_registered_the_label_is_the_time(home, file):
+    (home / file).parent.mkdir(exist_ok=True)
+    (home / file).write_text("no folder")
+    assert run_folder.own_label(datetime(2026, 11, 27, tzinfo=timezone.utc)) == "20261127T000000"
 
 
 def test_a_folder_that_cannot_be_made_is_one_clear_error(tmp_path):

@@ -151,6 +151,15 @@ STORIES: Sequence[Told] = (
         ("ros/stalls.py::connections_that_say_nothing_keep_no_command_out",),
     ),
     Told(
+        "A takeoff is not carried out after its user was told that there is no answer, or has gone; a landing is.",
+        (
+            "nodes/test_asker.py::test_what_the_console_shows_as_not_answered_is_not_decided_about_when_the_engine_goes_on",
+            "nodes/test_asker.py::test_what_the_console_shows_as_not_answered_does_not_arrive_when_the_network_returns",
+            "nodes/test_asker.py::test_a_takeoff_whose_user_has_gone_meanwhile_is_not_decided_about",
+        ),
+        ("ros/stalls.py::takeoff_that_nobody_waits_for_any_more_is_not_carried_out_when_the_engine_goes_on",),
+    ),
+    Told(
         "A terminal or a disk that is held (Ctrl-S, a connection or a card that hangs) holds up no node.",
         (
             "nodes/test_process.py::test_a_terminal_and_a_disk_that_are_held_hold_up_nobody_and_a_node_ends_all_the_same",

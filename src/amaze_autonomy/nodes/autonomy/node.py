@@ -494,7 +494,7 @@ def _make(stopped: threading.Event) -> AutonomyNode:
     unfinished = _unfinished(parameters, configuration)
     stall_limit_ns = configuration.rules.limits.clock_stall_limit_ns
     clock = make_clock(unfinished.last_ns if unfinished is not None else 0, stall_limit_ns)
-    label = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S")
+    label = run_folder.own_label(datetime.now(timezone.utc))
     return AutonomyNode(parameters, configuration, clock, label, unfinished)
 
 

@@ -17,7 +17,9 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from functools import lru_cache, partial
+from itertools import count
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
@@ -164,6 +166,26 @@ def _keep_earlier(folder: Path) -> None:
     earlier = _fresh(folder, "earlier")
     for name in names:
         (folder / name).rename(earlier / name)
+
+
+def own_label(now: datetime) -> str:
+    """Return the label of a run that begins: the time, in seconds, of the first second that no other run has.
+
+    Sessions and journals are named by it: two engines of a user that start in one second would have the same.
+    """
+    labels = ((now + timedelta(seconds=later)).strftime("%Y%m%dT%H%M%S") for later in count())
+    folder, label = default_parent() / _REGISTER, next(labels)
+    with suppress(OSError):  # `register` says what is wrong
+        folder.mkdir(parents=True, exist_ok=True)
+    while True:
+        try:
+            (folder / label).symlink_to(JOURNAL_NAME)  # until its journal is there
+        except FileExistsError:
+            label = next(labels)
+        except OSError:
+            return label
+        else:
+            return label
 
 
 def register(label: str, path: Path) -> None:
