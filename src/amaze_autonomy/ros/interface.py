@@ -1,14 +1,15 @@
 """The tables of `interface/` with the classes of ROS: messages and service answers <-> events and commands.
 
-Names are defaults, all can be remapped.
+Names are defaults, all can be remapped. The rows of a check go to /diagnostics too, for tools that are not ours.
 """
 
 from __future__ import annotations
 
 from math import nan
-from typing import Any, Dict, Mapping, Optional, Tuple, Type, Union
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Type, Union
 
 import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_srvs.srv import Trigger
 
 from amaze_autonomy import msg, srv
@@ -32,13 +33,22 @@ from amaze_autonomy.interface import (
     status_of,
 )
 
-from ..engine.events import Check
+from ..engine.events import Check, Verdict
+from ..journal.report import limit_words
+from .clock import Clock
 
 SERVICE_CLASSES: Dict[str, Type[Any]] = {
     name: Trigger if row.type == "Trigger" else getattr(srv, row.type) for name, row in SERVICES.items()
 }
 TAKEOFF_FRAME = "takeoff_enu"
 """What positions in our messages are measured in; no tf is needed, and none published."""
+_DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+_LEVELS = {
+    Verdict.PASS: DiagnosticStatus.OK,
+    Verdict.WARN: DiagnosticStatus.WARN,
+    Verdict.FAIL: DiagnosticStatus.ERROR,
+    Verdict.UNKNOWN: DiagnosticStatus.STALE,
+}
 _FRAMES: Mapping[Type[Event], str] = {AutopilotStatus: TAKEOFF_FRAME}
 
 
@@ -129,3 +139,41 @@ def response_of(service: Service, reply: Union[Reply, CheckReply], now_ns: int) 
     if hasattr(response, "gravity"):
         response.gravity.x = response.gravity.y = response.gravity.z = nan
     return response
+
+
+class CheckDiagnostics:
+    """Publishes the rows of one check on /diagnostics, one status for all of them, once a second.
+
+    Args:
+        name: of the status.
+        clock: the node's.
+    """
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self._name, self._clock = name, clock
+        self._due_ns = 0
+        self._publisher = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
+
+    def publish(self, now_ns: int, rows: Sequence[Check]) -> None:
+        """Publish the rows, at most once a second."""
+        if now_ns < self._due_ns:
+            return
+        self._due_ns = now_ns + _DIAGNOSTICS_PERIOD_NS
+        message = DiagnosticArray(status=[self._status(rows)])
+        message.header.stamp = ros_time(self._clock.ros_ns())
+        self._publisher.publish(message)
+
+    def _status(self, rows: Sequence[Check]) -> Any:
+        worst = max(rows, key=lambda row: _LEVELS[row.verdict], default=None)
+        return DiagnosticStatus(
+            level=DiagnosticStatus.OK if worst is None else _LEVELS[worst.verdict],
+            name=self._name,
+            message="; ".join(row.advice for row in rows if row.advice) or "all checks pass",
+            values=[KeyValue(row.name, _row_words(row)) for row in rows],
+        )
+
+
+def _row_words(row: Check) -> str:
+    value = "" if row.value is None else f" {row.value:.4g} {row.unit}".rstrip()
+    limits = limit_words(row, lambda each: f"{each:.4g} {row.unit}".rstrip())
+    return f"{row.verdict.name}{value}{f', limit {limits}' if limits else ''}"

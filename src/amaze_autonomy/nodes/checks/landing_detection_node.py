@@ -29,10 +29,9 @@ from amaze_autonomy.monitoring.readings import estimate_reader, range_reader
 from amaze_autonomy.monitoring.specs import EstimateSource, RangeSource
 from amaze_autonomy.ros.clock import Clock
 
-from ...ros.interface import check_row, number, status_message
+from ...ros.interface import CheckDiagnostics, check_row, number, status_message
 from ...ros.node_main import Startup, run_node
 from ...ros.topic_reader import TopicReader, take_messages
-from .diagnostics import CheckDiagnostics
 
 _S = 1_000_000_000
 _QUEUE = 10

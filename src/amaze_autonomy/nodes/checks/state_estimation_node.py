@@ -33,11 +33,10 @@ from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor, S
 from amaze_autonomy.ros.clock import Clock, Workers
 
 from ...ros.errors import CallError
-from ...ros.interface import check_row, number
+from ...ros.interface import CheckDiagnostics, check_row, number
 from ...ros.node_main import Startup, run_node
 from ...ros.service_client import ServiceClient
 from ...ros.topic_reader import TopicReader, take_messages
-from .diagnostics import CheckDiagnostics
 from .landing_detection_node import ESTIMATE_MESSAGES, SLICE_S
 
 # --- the estimator that must be told to begin -------------------------------------------------------------------------

@@ -33,9 +33,8 @@ from ...autopilot.link.connection import link_problem
 from ...autopilot.link.dialect import mavlink
 from ...autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient, Reply, switch_messages
 from ...engine.events import Check
-from ...ros.interface import check_row, number, status_message
+from ...ros.interface import CheckDiagnostics, check_row, number, status_message
 from ...ros.node_main import run_node
-from ..checks.diagnostics import CheckDiagnostics
 from .vehicle_link import ChangeLog, LevelLoop, Link, make_link, tell_link
 
 _S = 1_000_000_000

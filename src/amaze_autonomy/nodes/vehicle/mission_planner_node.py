@@ -37,10 +37,9 @@ from ...autopilot.link.state_files import keep, origin_from, origin_to, read_kep
 from ...autopilot.planner.loading import Loading, LoadRequest
 from ...autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from ...engine.events import Check, Verdict
-from ...ros.interface import status_message
+from ...ros.interface import CheckDiagnostics, status_message
 from ...ros.node_main import run_node
 from ..autonomy.run_folder import default_parent
-from ..checks.diagnostics import CheckDiagnostics
 from .vehicle_link import ChangeLog, LevelLoop, Link, make_link, tell_link
 
 _S = 1_000_000_000
