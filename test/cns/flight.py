@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Callable, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Tuple, Union
 
 from stand_ins import STAND_INS, namespace
 
-from amaze_autonomy.cns.peers import Call, Folder, LandingDetection, Recorder, StateEstimation, Watchdog
+from amaze_autonomy.cns.peers import Call, Folder, LandingDetection, Publish, Recorder, StateEstimation, Watchdog
 from amaze_autonomy.cns.sequencer import ANYWHERE, Bounds, Sequencer
 from amaze_autonomy.cns.tables import PEERS
 from amaze_autonomy.engine.commands import Command, Decision, Notify, Request
@@ -28,6 +28,7 @@ from amaze_autonomy.simulation import World
 
 S, MS = 1_000_000_000, 1_000_000
 ENDS = (State.MISSION_ENDED, State.OUTREACH)
+_Heard = Tuple[int, str, str, Dict[str, Any]]  # when it arrives, hear or returned, key, fields
 
 
 class Flight:
@@ -37,11 +38,19 @@ class Flight:
         configuration: of the engine.
         mission: to be flown.
         bounds: of the sequencer.
+        latency_ns: how long each message, call and answer is under way between a peer and its node.
+        first: which of its two topics is heard first when the watchdog says something on both: log or heartbeat.
         faults: of the stand-ins, by the peer's name.
     """
 
     def __init__(
-        self, configuration: Any, mission: str = "1", bounds: Bounds = ANYWHERE, **faults: Dict[str, Any]
+        self,
+        configuration: Any,
+        mission: str = "1",
+        bounds: Bounds = ANYWHERE,
+        latency_ns: int = 0,
+        first: str = "log",
+        **faults: Dict[str, Any],
     ) -> None:
         self.configuration, self.rules = configuration, configuration.rules
         self.world = World(configuration, without=PEERS)
@@ -55,6 +64,9 @@ class Flight:
         self.notices: List[str] = []
         self.planner: List[MissionStatus] = []
         self.dead: Tuple[str, ...] = ()
+        self._latency_ns, self._first = latency_ns, first
+        self._to_node: Dict[str, List[Tuple[int, Union[Call, Publish]]]] = {name: [] for name in self.nodes}
+        self._to_peer: Dict[str, List[_Heard]] = {name: [] for name in self.nodes}
         self.away = False
         self._take(EngineStarted(t_ns=0, label="cns"))
         self.run(2 * S)
@@ -110,6 +122,13 @@ class Flight:
         self.until(lambda: self.state.state in ENDS, limit_ns)
         return self.state.state.value
 
+    def restart_node(self, name: str, away_ns: int) -> None:
+        """Have one of their nodes die, and another one come that knows nothing."""
+        self.dead += (name,)
+        self.run(away_ns)
+        self.dead = tuple(each for each in self.dead if each != name)
+        self.nodes[name].start_again()
+
     def restart(self, away_ns: int = 3 * S) -> None:
         """Have the node that the peers are in die, and another one come that has what was kept."""
         kept = json.loads(json.dumps({name: peer.kept() for name, peer in self.peers.items()}))
@@ -126,39 +145,58 @@ class Flight:
             self._take(event)
         recorder = self.nodes["data_recorder"]
         self.peers["data_recorder"].look(t_ns, "main", Folder(recorder.written, recorder.open_files))
-        for name, peer in self.peers.items():
+        for name in self.peers:
             self._exchange(t_ns, name)
-            if self.away:
-                continue
-            for event in peer.step(t_ns):
-                if isinstance(event, MissionStatus):
-                    self.planner.append(event)
-                self._take(event)
-            self._send(t_ns, name)
+            self._step_peer(t_ns, name)
         deadline_ns = next_deadline(self.state, self.rules)
         if deadline_ns is not None and deadline_ns <= t_ns:
             self._take(Tick(t_ns=t_ns))
 
-    def _exchange(self, t_ns: int, name: str) -> None:
-        node, peer = self.nodes[name], self.peers[name]
-        if name in self.dead:
-            peer.alive = False
-            return
-        node.step(t_ns)
+    def _step_peer(self, t_ns: int, name: str) -> None:
         if self.away:
-            node.said, node.returned = [], []
             return
+        for event in self.peers[name].step(t_ns):
+            if isinstance(event, MissionStatus):
+                self.planner.append(event)
+            self._take(event)
+        self._send(t_ns, name)
+
+    def _exchange(self, t_ns: int, name: str) -> None:
+        """Hand over what has arrived. As in the node of the peers, there is a step after each message."""
+        node, peer = self.nodes[name], self.peers[name]
+        peer.alive = name not in self.dead
+        if name in self.dead:
+            self._to_node[name], self._to_peer[name] = [], []
+            return
+        self._arrive(t_ns, name)
+        node.step(t_ns)
         said, node.said = node.said, []
         returned, node.returned = node.returned, []
-        for key, fields in said:
-            peer.hear(t_ns, key, namespace(fields))
-        for key, fields in returned:
-            peer.returned(t_ns, key, namespace(fields), "")
+        if self.away:
+            self._to_peer[name] = []
+            return
+        said.sort(key=lambda each: self._first == "heartbeat" and each[0] == "log")
+        due_ns, under_way = t_ns + self._latency_ns, self._to_peer[name]
+        under_way += [(due_ns, "hear", key, fields) for key, fields in said]
+        under_way += [(due_ns, "returned", key, fields) for key, fields in returned]
+        while under_way and under_way[0][0] <= t_ns:
+            _, how, key, fields = under_way.pop(0)
+            if how == "hear":
+                peer.hear(t_ns, key, namespace(fields))
+            else:
+                peer.returned(t_ns, key, namespace(fields), "")
+            self._step_peer(t_ns, name)
 
     def _send(self, t_ns: int, name: str) -> None:
-        node, peer = self.nodes[name], self.peers[name]
-        outbox, peer.outbox = peer.outbox, []
-        for each in outbox if name not in self.dead else ():
+        outbox, self.peers[name].outbox = self.peers[name].outbox, []
+        if name not in self.dead:
+            self._to_node[name] += [(t_ns + self._latency_ns, each) for each in outbox]
+            self._arrive(t_ns, name)
+
+    def _arrive(self, t_ns: int, name: str) -> None:
+        node, under_way = self.nodes[name], self._to_node[name]
+        while under_way and under_way[0][0] <= t_ns:
+            _, each = under_way.pop(0)
             (node.call if isinstance(each, Call) else node.take)(t_ns, each.key, dict(each.fields))
 
     def _take(self, event: Event) -> None:

@@ -130,16 +130,22 @@ class LandingDetector(StandIn):
 
     def __init__(self, vehicle: Any, **faults: Any) -> None:
         super().__init__(vehicle, **faults)
-        self._flew = False
+        self._armed = self._flew = False
+
+    def start_again(self) -> None:
+        """Be another process: not armed, and asked nothing."""
+        self._armed = self._flew = False
+        self._due, self.said, self.returned = [], [], []
 
     def call(self, t_ns: int, key: str, fields: Dict[str, Any]) -> None:
         super().call(t_ns, key, fields)
         good = not self.faults.get("not_flat")
+        self._armed = self._armed or good
         self._due.append((t_ns + S // 100, key, {"success": good, "message": "" if good else "not flat"}))
 
     def step(self, t_ns: int) -> None:
         super().step(t_ns)
-        if self.vehicle.height_m > 0.5 and not self._flew:
+        if self._armed and self.vehicle.height_m > 0.5 and not self._flew:
             self._flew = True
             self.said.append(("is_takeoff", {"data": True}))
         elif self._flew and not self.vehicle.airborne:
