@@ -112,7 +112,7 @@ class Watchdog(StandIn):
             up = NOMINAL if t_ns - self._started_ns >= self._starting_s * S else STARTING
             self._rows[entity] = self.failing.get(entity, up)
         changed = [entity for entity in self._rows if first or self._rows[entity] != before[entity]]
-        if changed:
+        if changed and not self.faults.get("log_lost"):
             data = {
                 "changes": [self._status(each) for each in changed],
                 "current": [self._status(each) for each in self._rows],

@@ -8,11 +8,25 @@ from math import dist, radians
 
 import pytest
 from cns_folder import write_folder
-from flight import Flight, S
-from stand_ins import ABORT, ARM, DEFECT, DISARM, ERROR, HOLD, LAND, RESUME, TAKEOFF, Watchdog, namespace
+from flight import MS, Flight, S
+from stand_ins import (
+    ABORT,
+    ARM,
+    DEFECT,
+    DISARM,
+    ERROR,
+    HOLD,
+    LAND,
+    NOMINAL,
+    RESUME,
+    TAKEOFF,
+    Watchdog,
+    namespace,
+)
 
 from amaze_autonomy.cns.importer import import_folder
 from amaze_autonomy.cns.peers import Recorder
+from amaze_autonomy.cns.peers import Watchdog as CnsWatchdog
 from amaze_autonomy.cns.sequencer import Bounds, Sequencer
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.commands import LoadMission, MissionAction, MissionCommand, RunCheck
@@ -122,6 +136,75 @@ def test_a_rate_that_is_off_is_flown_on_with(make):
     flight.nodes["watchdog"].failing["px4_imu"] = DEFECT  # its 4: our 2
     flight.end()
     assert flight.state.session.result is Result.COMPLETE
+
+
+ORDERS = pytest.mark.parametrize(
+    "first, latency_ns", [("log", 0), ("heartbeat", 0), ("log", 40 * MS), ("heartbeat", 40 * MS)]
+)
+
+
+@ORDERS
+@pytest.mark.parametrize("rate_hz", [0.5, 2.0])
+def test_a_component_that_is_flown_on_without_neither_holds_nor_lands_when_it_fails_and_comes_back(
+    make, first, latency_ns, rate_hz
+):
+    flight = make(first=first, latency_ns=latency_ns, watchdog={"rate_hz": rate_hz})
+    flying(flight)
+    flight.nodes["watchdog"].failing["px4_gps"] = ERROR  # action continue
+    flight.run(5 * S)
+    flight.nodes["watchdog"].failing.clear()
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert flight.requests() == WHOLE
+
+
+@ORDERS
+def test_nor_does_it_cancel_the_takeoff(make, first, latency_ns):
+    flight = make(first=first, latency_ns=latency_ns)
+    flight.until(lambda: ARM in flight.requests())
+    flight.nodes["watchdog"].failing["px4_gps"] = ERROR
+    flight.run(S)
+    flight.nodes["watchdog"].failing.clear()
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.requests() == WHOLE
+
+
+@ORDERS
+def test_an_error_of_which_the_log_was_missed_counts_from_the_second_heartbeat_that_says_it(make, first, latency_ns):
+    flight = make(first=first, latency_ns=latency_ns)
+    flying(flight)
+    watchdog = flight.nodes["watchdog"]
+    watchdog.faults["log_lost"] = True
+    watchdog.failing["px4_gps"] = ERROR
+    began_ns = flight.t_ns
+    flight.until(lambda: flight.state.state is State.HOLD)  # of what nobody names, the row of high
+    assert 0.5 * S < flight.t_ns - began_ns <= 1.1 * S  # a period of its watchdog after the first
+    assert any("its watchdog says ERROR and its log was missed" in notice for notice in flight.notices)
+    watchdog.faults["log_lost"] = False
+    watchdog.failing.clear()
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.requests() == [ARM, TAKEOFF, HOLD, RESUME, LAND, DISARM]
+
+
+def test_while_its_heartbeat_and_its_log_say_two_things_a_check_is_repeated_and_neither_passes_nor_fails(configuration):
+    peer = CnsWatchdog(configuration.rules, configuration.missions, 5.0)
+    command = RunCheck(id=1, limit_ns=S, check=CheckName.WATCHDOG, mission_id="1", required=("lrf",))
+    row = {"entity": "lrf", "type": 1, "name": "/lrf", "info": ""}
+
+    def check(status=None, key="heartbeat"):
+        if key == "heartbeat":
+            peer.hear(S, key, namespace({"status": {**row, "status": status}}))
+        else:
+            peer.hear(S, key, namespace({"data": {"changes": [], "current": [{**row, "status": status}]}}))
+        reply = peer.answer(S, command)
+        return reply.ok, reply.fixable
+
+    check(NOMINAL)
+    assert check(NOMINAL, "log") == (True, False)
+    assert check(ERROR) == (False, True)
+    assert check(ERROR, "log") == (False, False)
+    assert check(NOMINAL, "log") == (False, True)
+    assert check(NOMINAL) == (True, False)
 
 
 def test_an_abort_in_flight_is_a_landing_since_its_abort_does_nothing(make):

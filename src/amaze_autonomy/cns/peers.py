@@ -41,6 +41,7 @@ from .tables import UNLISTED, EntityStatus, code_of, component_of
 _S = 1_000_000_000
 _REPLY_EARLY = 0.9  # of the engine's limit: our word comes before its own "did not answer"
 _UNKNOWN_ENTITY = "cns_watchdog"
+_UNEXPLAINED_BEATS = 2  # that say ERROR without a log between them: the log of that is not under way any more
 _QUIET_NS = 3 * _S  # without growth after the stop: nothing is written any more
 
 
@@ -134,6 +135,9 @@ class Peer(abc.ABC):
 class Watchdog(Peer):
     """Its watchdog: started once, heard by its heartbeat, known by its log.
 
+    They are two topics: of what it says at once on both, either may be heard first. So a heartbeat of ERROR of which no
+    row tells counts from the second one in a row.
+
     Restarts of components are its own business and it says nothing of them: what a flight holds for comes back, or the
     wait ends.
 
@@ -154,6 +158,7 @@ class Watchdog(Peer):
         self._calling = False
         self._problem = ""
         self._beats, self._worst, self._beat_ns = 0, int(EntityStatus.UNDEF), 0
+        self._unexplained = 0  # heartbeats in a row, without a log between them, that say ERROR where no row does
         self._rows: Dict[Tuple[str, int, str], Tuple[int, str]] = {}
         self._sequence = self._informed = 0
         self._latest = ""
@@ -167,14 +172,16 @@ class Watchdog(Peer):
         if not self._beats:
             return {}
         rows = [[*row, *said] for row, said in self._rows.items()]
-        counts = [self._beats, self._worst, self._beat_ns, self._sequence, self._informed]
+        counts = [self._beats, self._worst, self._beat_ns, self._unexplained, self._sequence, self._informed]
         return {"mission": self._mission_id, "counts": counts, "rows": rows}
 
     def restore(self, t_ns: int, kept: Mapping[str, Any]) -> None:  # noqa: ARG002
         """Go on; its start is not called again while it beats."""
         self._take_mission(str(kept["mission"]))
         rows = {(str(row[0]), int(row[1]), str(row[2])): (int(row[3]), str(row[4])) for row in kept["rows"]}
-        self._beats, self._worst, self._beat_ns, self._sequence, self._informed = map(int, kept["counts"])
+        beats, worst, beat_ns, unexplained, sequence, informed = map(int, kept["counts"])
+        self._beats, self._worst, self._beat_ns, self._unexplained = beats, worst, beat_ns, unexplained
+        self._sequence, self._informed = sequence, informed
         self._rows, self._missed = rows, True
 
     def _take_mission(self, mission_id: str) -> None:
@@ -188,12 +195,19 @@ class Watchdog(Peer):
             if self._missed and self._worst == EntityStatus.NOMINAL:  # whatever has failed is back
                 self._rows = {row: (self._worst, info) for row, (_, info) in self._rows.items()}
             self._missed = False
+            self._unexplained = self._unexplained + 1 if self._beats_without_a_row() else 0
             return
+        self._unexplained = 0
         if message.data.current:
             self._rows.clear()
         for each in (*message.data.current, *message.data.changes):
             self._rows[each.entity, int(each.type), each.name] = (int(each.status), each.info)
             self._latest = component_of(each.entity)
+
+    def _beats_without_a_row(self) -> bool:
+        """Return whether its last heartbeat says ERROR and no row does."""
+        rows = self._rows.values()
+        return self._worst == EntityStatus.ERROR and not any(status == EntityStatus.ERROR for status, _ in rows)
 
     def returned(self, t_ns: int, key: str, response: Any, problem: str) -> None:  # noqa: ARG002
         """Take the end of the start call; it is made again only where nothing beats: none can have been started."""
@@ -208,8 +222,7 @@ class Watchdog(Peer):
             if component not in found or code > found[component].code:
                 reason = "" if code is Code.NOMINAL else f"{name}: {info or _word(status)}"
                 found[component] = ComponentStatus(component, code, reason=reason)
-        failing = any(status == EntityStatus.ERROR for status, _ in self._rows.values())
-        if self._worst == EntityStatus.ERROR and not failing:  # its log was missed: it is not nominal, whatever it is
+        if self._unexplained >= _UNEXPLAINED_BEATS:  # its log was missed: it is not nominal, whatever it is
             reason = "its watchdog says ERROR and its log was missed"
             found[_UNKNOWN_ENTITY] = ComponentStatus(_UNKNOWN_ENTITY, code_of(self._worst, UNLISTED), reason=reason)
         return tuple(found.values())
@@ -254,6 +267,9 @@ class Watchdog(Peer):
         rows += [self._row(name, known.get(name)) for name in needed]
         if _UNKNOWN_ENTITY in known:
             rows.append(self._row(_UNKNOWN_ENTITY, known[_UNKNOWN_ENTITY]))
+        elif self._beats_without_a_row():
+            why = "its watchdog says ERROR and its log does not: one of them is older"
+            rows.append(Check(_UNKNOWN_ENTITY, Verdict.UNKNOWN, advice=why, heals=True))
         return rows
 
     def _row(self, name: str, status: Optional[ComponentStatus]) -> Check:
