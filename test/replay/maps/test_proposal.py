@@ -472,7 +472,36 @@ def test_the_landing_detectors_events_are_a_level(tmp_path):
 def test_a_heartbeat_of_half_a_hertz_is_enough_for_ours_until_it_is_silent(tmp_path):
     said = statuses(cns_flight(tmp_path, silent_s=13.0), "watchdog_action")
     assert max(after - before for (before, _), (after, _) in zip(said, said[1:])) == pytest.approx(0.2)
-    assert said[-1][0] == pytest.approx(12.2 + 5.0)
+    assert said[-1][0] == pytest.approx(12.0 + 5.0)
+
+
+@pytest.mark.parametrize("later_s", [0.0, 0.002, 0.15])
+@pytest.mark.parametrize("first", ["/watchdog/log", "/watchdog/status"])
+def test_an_entity_that_fails_and_comes_back_holds_for_itself_and_for_nothing_else(tmp_path, first, later_s):
+    """Its watchdog says both on two topics, of which either may be recorded first."""
+    moved = {"/watchdog/log": 0.0, "/watchdog/status": later_s if first == "/watchdog/log" else -later_s}
+    rows = [row for row in cns_rows() if not row[1].startswith("/watchdog")]
+    for half in range(2, 70):
+        status = 8 if 20 <= half < 30 else 1
+        message = cns("watchdog_msgs/StatusStamped", header=header(START_NS), status=entity("", status))
+        rows.append((START_NS + half * S // 2 + round(moved["/watchdog/status"] * S), "/watchdog/status", message))
+        if half in (2, 20, 30):
+            each = [entity("Event-Camera 1", status, "no messages")]
+            data = cns("watchdog_msgs/StatusChangesArray", changes=each, current=each)
+            message = cns("watchdog_msgs/StatusChangesArrayStamped", header=header(START_NS), data=data)
+            rows.append((START_NS + half * S // 2, "/watchdog/log", message))
+    rows.sort(key=lambda row: (row[0], row[1] != first))
+    said = statuses(write_bag(tmp_path / "x.bag", rows), "watchdog_action")
+    failing = changes_of([(t_s, tuple(row.name for row in message.components)) for t_s, message in said])
+    assert [names for _, names in failing] == [(), ("event_camera_1",), ()]
+    assert [t_s for t_s, _ in failing[1:]] == [pytest.approx(10.0), pytest.approx(15.0)]
+
+
+def test_an_error_that_no_log_of_the_recording_explains_counts_from_the_second_heartbeat(tmp_path):
+    rows = [row for row in cns_rows() if row[1] != "/watchdog/log" or row[0] < START_NS + 20 * S]
+    said = statuses(write_bag(tmp_path / "x.bag", rows), "watchdog_action")
+    failing = changes_of([(t_s, tuple(row.name for row in message.components)) for t_s, message in said])
+    assert failing[1:] == [(pytest.approx(22.0), ("cns_watchdog",))]  # it beats every two seconds
 
 
 def test_a_type_of_another_definition_is_left_out_by_name(tmp_path):

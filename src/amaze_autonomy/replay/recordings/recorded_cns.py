@@ -145,21 +145,23 @@ class CnsStatuses(Made):
 
     def _watchdog(self) -> Iterator[Event]:
         """Yield what is said of the components, five times a second while its slow heartbeat is not overdue."""
-        # A heartbeat counts a moment later: the log that says which entity it is about may come after it.
-        beats = [(t_ns + _PERIOD_NS, key, message) for t_ns, key, message in self._messages("heartbeat")]
+        beats = self._messages("heartbeat")
         if not beats:
             return
         times = [t_ns for t_ns, _, _ in beats]
         gaps = sorted(after - before for before, after in zip(times, times[1:]))
         limit_ns = round(_BEATS_MISSED * (gaps[len(gaps) // 2] if gaps else _BEAT_NS))
-        peer, beat = Watchdog(Rules(), (), _RATE_HZ), None
-        for t_ns, key, message in self._ticks([*beats, *self._messages("log")]):
-            beat = (t_ns, message) if key == "heartbeat" else beat
-            if key == "log":
+        peer, beat_ns = Watchdog(Rules(), (), _RATE_HZ), times[0] - limit_ns - 1
+        for t_ns, key, message in self._ticks(self._messages("heartbeat", "log")):
+            if key:
                 peer.hear(t_ns, key, message)
-            if beat is not None and t_ns - beat[0] <= limit_ns:
-                peer.hear(t_ns, "heartbeat", beat[1])
-                yield from peer.step(t_ns)
+            if key == "heartbeat":
+                beat_ns = t_ns
+            elif t_ns - beat_ns <= limit_ns:
+                peer.beat_on(t_ns)
+            else:
+                continue
+            yield from peer.step(t_ns)
 
     def _landings(self) -> Iterator[Event]:
         """Yield what its detector knew: before its first event the contrary of that."""
