@@ -15,6 +15,7 @@ from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import (
     EngineStarted,
     Event,
+    LandedStatus,
     MissionSelected,
     MissionStatus,
     Tick,
@@ -63,6 +64,7 @@ class Flight:
         self.decisions: List[Decision] = []
         self.notices: List[str] = []
         self.planner: List[MissionStatus] = []
+        self.landed: List[LandedStatus] = []
         self.dead: Tuple[str, ...] = ()
         self._latency_ns, self._first = latency_ns, first
         self._to_node: Dict[str, List[Tuple[int, Union[Call, Publish]]]] = {name: [] for name in self.nodes}
@@ -158,6 +160,8 @@ class Flight:
         for event in self.peers[name].step(t_ns):
             if isinstance(event, MissionStatus):
                 self.planner.append(event)
+            if isinstance(event, LandedStatus):
+                self.landed.append(event)
             self._take(event)
         self._send(t_ns, name)
 

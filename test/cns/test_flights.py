@@ -25,12 +25,12 @@ from stand_ins import (
 )
 
 from amaze_autonomy.cns.importer import import_folder
-from amaze_autonomy.cns.peers import Recorder
+from amaze_autonomy.cns.peers import LandingDetection, Recorder
 from amaze_autonomy.cns.peers import Watchdog as CnsWatchdog
 from amaze_autonomy.cns.sequencer import Bounds, Sequencer
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.commands import LoadMission, MissionAction, MissionCommand, RunCheck
-from amaze_autonomy.engine.events import CheckName, MissionPhase, Outcome, UserCommand, Verdict
+from amaze_autonomy.engine.events import CheckName, Landed, MissionPhase, Outcome, UserCommand, Verdict
 from amaze_autonomy.engine.state import Result, State
 from amaze_autonomy.interface.tables import Service
 from amaze_autonomy.missions import Frame, Trajectory, Waypoint
@@ -466,6 +466,52 @@ def test_a_vehicle_that_does_not_stand_flat_does_not_take_off(make):
     flight = make(landing_detection={"not_flat": True})
     assert flight.end() == "OUTREACH"
     assert any("not flat" in notice for notice in flight.notices), flight.notices
+
+
+def levels(flight):
+    """Return the levels that were said, and why, each once."""
+    found = []
+    for status in flight.landed:
+        if not found or found[-1] != (status.landed, status.reason):
+            found.append((status.landed, status.reason))
+    return found
+
+
+ARMED, TOOK_OFF = "its detector was armed on the ground", "its detector said takeoff"
+AGAIN = "its landing detector was away: unknown until its next event"
+
+
+@pytest.mark.parametrize(
+    "in_flight, known",
+    [(False, [(Landed.ON_GROUND, ARMED)]), (True, [(Landed.ON_GROUND, ARMED), (Landed.AIRBORNE, TOOK_OFF)])],
+    ids=["before it lifts off", "in flight"],
+)
+def test_a_landing_detector_started_again_is_not_believed_by_what_the_last_one_said(make, in_flight, known):
+    flight = make()
+    flight.until(lambda: ARM in flight.requests())
+    if in_flight:
+        flying(flight)
+    flight.restart_node("landing_detection", 4 * S if not in_flight else 2 * S)
+    assert flight.end() == "MISSION_ENDED"
+    first = (Landed.UNKNOWN, "its landing detector has said nothing yet")
+    gone = (Landed.UNKNOWN, "its landing detector is not there")
+    assert levels(flight) == [first, *known, gone, (Landed.UNKNOWN, AGAIN)]
+    assert not flight.vehicle.armed
+    flight.select("1")
+    assert flight.end() == "MISSION_ENDED"  # its check has armed it again
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert [landed for landed, _ in levels(flight)][-3:] == [Landed.ON_GROUND, Landed.AIRBORNE, Landed.ON_GROUND]
+
+
+def test_what_a_landing_detector_answers_before_its_topics_are_connected_is_kept(configuration):
+    peer = LandingDetection(configuration.rules, 5.0)
+    peer.alive = False
+    peer.step(0)
+    peer.returned(0, "takeoff_check", namespace({"success": True, "message": ""}), "")
+    peer.step(S)
+    peer.alive = True
+    (status,) = peer.step(2 * S)
+    assert (status.landed, status.reason) == (Landed.ON_GROUND, ARMED)
 
 
 # --- metres east and north, for a sequencer that counts ahead and left ------------------------------------------------

@@ -386,6 +386,7 @@ class LandingDetection(Peer):
         self._landed, self._reason = Landed.UNKNOWN, "its landing detector has said nothing yet"
         self._ended: List[Event] = []
         self._rhythm = Rhythm(rate_hz)
+        self._was_there = False
         self.alive = True
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
@@ -407,12 +408,15 @@ class LandingDetection(Peer):
             self._reason = "its detector said landed" if landed else "its detector said takeoff"
 
     def step(self, t_ns: int) -> List[Event]:
-        """Return replies, and the level; unknown while nobody is there to tell of the next event."""
+        """Return replies, and the level; unknown while nobody is there, and then until there is an event or a check."""
         ended, self._ended = self._ended, []
         ended += self._call.overdue(t_ns)
+        if self._was_there and not self.alive and self._landed is not Landed.UNKNOWN:  # who comes may be another one
+            self._landed, self._reason = Landed.UNKNOWN, "its landing detector was away: unknown until its next event"
+        self._was_there = self.alive
         landed = self._landed if self.alive else Landed.UNKNOWN
-        if self._rhythm.due(t_ns, landed):
-            reason = self._reason if self.alive else "its landing detector is not there"
+        reason = self._reason if self.alive else "its landing detector is not there"
+        if self._rhythm.due(t_ns, (landed, reason)):
             ended.append(LandedStatus(t_ns=t_ns, landed=landed, reason=reason))
         return ended
 
