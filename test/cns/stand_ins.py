@@ -186,6 +186,8 @@ class Recorder(StandIn):
     def step(self, t_ns: int) -> None:
         super().step(t_ns)
         self.written += 100_000 if self.open_files else 0
+        if self.faults.get("moves_away") and self.returned and not self.open_files:
+            self.written = 4096
 
 
 class Sequencer(StandIn):

@@ -246,6 +246,17 @@ def test_files_that_it_leaves_open_are_no_complete_recording(make):
     assert any("are not closed" in notice for notice in flight.notices), flight.notices
 
 
+@pytest.mark.parametrize("again", [False, True], ids=["", "peers' node started again meanwhile"])
+def test_files_that_its_store_script_has_moved_away_were_recorded_and_are_not_verified(make, again):
+    flight = make(data_recorder={"moves_away": True, "stop_s": 2.0})
+    flight.until(lambda: len(flight.calls("data_recorder")) == 2)
+    if again:
+        flight.restart(3 * S)  # its script has ended then
+    assert flight.end() == "OUTREACH"
+    words = "recorded on main, then moved away by its store script: not verified here (/data/main)"
+    assert any(words in notice for notice in flight.notices), flight.notices
+
+
 def test_waypoints_out_of_its_bounds_are_refused_before_anything_is_sent(make):
     flight = make(bounds=Bounds((-1.0, -1.0, 0.0), (2.0, 2.0, 3.0)))
     assert flight.end() == "OUTREACH"

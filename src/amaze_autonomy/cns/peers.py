@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import abc
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, ClassVar, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
 from amaze_autonomy.engine.commands import Request, RunCheck, StartRecording, StopRecording
 from amaze_autonomy.engine.events import (
@@ -482,6 +482,7 @@ class Recorder(Peer):
         self._seen: Dict[str, Folder] = {}
         self._before: Dict[str, int] = {}
         self._grew_ns: Dict[str, int] = {}
+        self._recorded: Set[str] = set()  # platforms whose files have grown since the start
         self._asked: List[Request] = []
         self._ended: List[Event] = []
         self._since_ns = 0
@@ -495,6 +496,7 @@ class Recorder(Peer):
         before = self._seen.get(platform)
         if before is not None and folder.written_bytes > before.written_bytes:
             self._grew_ns[platform] = t_ns
+            self._recorded.add(platform)
         self._seen[platform] = folder
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
@@ -506,7 +508,7 @@ class Recorder(Peer):
                 return replied(command, t_ns, f"the folder of the recordings cannot be seen ({places})")
             self._session, self._message = command.session_id, ""
             self._before = {name: folder.written_bytes for name, folder in self._seen.items()}
-            self._grew_ns = {}
+            self._grew_ns, self._recorded = {}, set()
             self._enter(t_ns, RecordingPhase.STARTING)
         elif not isinstance(command, StopRecording) or command.session_id != self._session or not self._session:
             return replied(command, t_ns, "this session is not recorded here")
@@ -525,12 +527,18 @@ class Recorder(Peer):
         """Return what is recorded, and what lay in the folders before."""
         if not self._session:
             return {}
-        return {"session": self._session, "phase": [self._phase.name, self._message], "before": self._before}
+        return {
+            "session": self._session,
+            "phase": [self._phase.name, self._message],
+            "before": self._before,
+            "recorded": sorted(self._recorded),
+        }
 
     def restore(self, t_ns: int, kept: Mapping[str, Any]) -> None:
         """Go on; how its call ended is not known any more: what it writes is."""
         name, message = kept["phase"]
         phase, before = RecordingPhase[name], {str(each): int(size) for each, size in kept["before"].items()}
+        self._recorded = set(map(str, kept["recorded"]))
         self._session, self._before, self._message = str(kept["session"]), before, str(message)
         self._enter(t_ns, RecordingPhase.VERIFYING if phase is RecordingPhase.STOPPING else phase)
         if phase is RecordingPhase.RECORDING:  # it was proven; whether it still is shows within its limit
@@ -572,6 +580,8 @@ class Recorder(Peer):
             folder = self._seen.get(name)
             if folder is None:
                 return f"the folder on {name} cannot be seen ({place})"
+            if folder.written_bytes <= self._before.get(name, 0) and name in self._recorded:
+                return f"recorded on {name}, then moved away by its store script: not verified here ({place})"
             if folder.written_bytes <= self._before.get(name, 0):
                 return f"nothing was recorded on {name} ({place})"
             if folder.open_files:
