@@ -457,6 +457,35 @@ def test_a_hold_of_somebody_else_is_held_and_resumed_once_a_heartbeat_says_that_
         assert found.craft.mode == mode
 
 
+@EACH
+@pytest.mark.parametrize("holds", [False, True], ids=["flies", "holds"])
+def test_a_mission_that_somebody_else_chose_stands_in_a_flight_by_set_points(kind, holds):
+    found = flying("inside", kind=kind)
+    if holds:
+        assert found.command(A.HOLD) == ""
+        found.until_phase(P.HOLDING)
+    chosen_ns = found.t_ns
+    found.craft.command_mode(MISSION)
+    found.run(2 * S)
+    words = f"somebody else has chosen the flight mode (mode {MISSION})"
+    assert (found.command(A.HOLD), found.command(A.RESUME), found.status.message) == (words, words, words)
+    found.run(2 * S)
+    assert (found.since(chosen_ns), found.craft.mode) == ([], MISSION)
+
+
+def test_fly_here_of_a_ground_station_stands_in_a_flight_by_a_mission_of_the_autopilot():
+    found = flying(kind=ARDUPILOT)
+    assert found.command(A.HOLD) == ""
+    found.until_phase(P.HOLDING)
+    chosen_ns = found.t_ns
+    found.craft.command_mode("OFFBOARD")  # its GUIDED
+    found.run(2 * S)
+    assert "somebody else" in found.command(A.HOLD)
+    assert "somebody else" in found.command(A.RESUME)
+    found.run(2 * S)
+    assert (found.since(chosen_ns), found.craft.mode) == ([], "OFFBOARD")
+
+
 def test_whose_a_mode_is_that_nobody_here_commanded_is_asked_for_at_once():
     """A PX4 beats at 1 Hz: till then it seems to be a pilot's, and a planner that is told to end left the vehicle."""
     found = flying("inside")

@@ -137,6 +137,22 @@ def test_a_vehicle_that_was_switched_off_after_landing_can_be_acknowledged():
     story.expect("DATA_CLEANUP")
 
 
+@pytest.mark.parametrize("armed", [False, None])
+def test_a_vehicle_that_has_not_said_for_long_whether_it_has_landed_can_be_acknowledged(armed):
+    story = at("PILOT")
+    story.vehicle.says.update(armed=armed, landed=ev.VehicleLanded.UNKNOWN)
+    story.after(29.0)
+    assert story.user("acknowledge")[0] == "REFUSED"
+    assert story.after(2.0).user("acknowledge")[0] == "DONE"
+    story.expect("DATA_CLEANUP")
+
+
+def test_one_that_says_it_is_armed_cannot():
+    story = at("PILOT")
+    story.vehicle.says.update(armed=True, landed=ev.VehicleLanded.UNKNOWN)
+    assert story.after(40.0).user("acknowledge")[0] == "REFUSED"
+
+
 def test_require_go_waits_for_the_go():
     story = at("READY").after(30.0).expect("READY")
     assert story.told == []

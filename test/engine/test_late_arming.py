@@ -77,6 +77,16 @@ def test_in_the_hands_of_somebody_else_it_is_theirs(claims):
     assert story.motions == []
 
 
+@pytest.mark.parametrize("how", ["abort", "land", "failed"])
+def test_the_flag_of_a_failsafe_does_not_make_it_somebody_elses_on_the_ground(how):
+    story = called_off(how).after(0.9)
+    story.vehicle.armed = True
+    story.vehicle.says.update(failsafe=True, mode="AUTO.LOITER")
+    story.after(0.5)
+    assert story.motions[:1] == ["LAND"]
+    assert "pilot" not in story.told
+
+
 def test_armed_long_after_that_is_somebody_elses():
     story = called_off("abort").after(story_limit_s() + 0.5)
     story.say(armed=True).until("PILOT", limit_s=0.5)

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import pytest
 from engine_beginnings import at
+from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.state import Result
+from amaze_autonomy.engine.state import Result, evolve
 
 AIR, GROUND = ev.VehicleLanded.IN_AIR, ev.VehicleLanded.ON_GROUND
 
@@ -67,6 +68,103 @@ def test_a_failsafe_that_leaves_our_modes_has_control(flagged):
     flagged.vehicle.says["mode"] = "AUTO.RTL"
     flagged.after(1.0)
     assert flagged.place[0] == "PILOT"
+
+
+def test_the_planners_own_landing_under_the_flag_of_a_failsafe_is_ours(flagged):
+    flagged.vehicle.says["mode"] = "AUTO.LAND"
+    flagged.planner.says.update(waypoint=3)
+    flagged.planner.phase = ev.MissionPhase.LANDING
+    flagged.after(2.0).expect("MISSION", "flying").fail("imu", 16)
+    assert flagged.motions == ["LAND"]
+    del flagged.vehicle.says["mode"]
+    flagged.vehicle.land()
+    flagged.until("MISSION_ENDED", limit_s=60)
+    assert flagged.state.session.result is Result.COMPLETE
+
+
+@pytest.mark.parametrize("phase", [ev.MissionPhase.FLYING, ev.MissionPhase.HOLDING])
+def test_a_landing_under_the_flag_of_a_failsafe_is_its_own_where_the_planner_does_not_land(flagged, phase):
+    flagged.vehicle.says["mode"] = "AUTO.LAND"
+    flagged.planner.phase = phase
+    flagged.after(1.0).expect("PILOT")
+    assert flagged.motions == []
+
+
+@pytest.mark.parametrize("mode", ["AUTO.MISSION", "AUTO.TAKEOFF", "OFFBOARD"])
+def test_a_vehicle_in_the_air_at_the_start_is_landed_whatever_flag_is_up_in_a_mode_that_no_failsafe_chooses(mode):
+    story = Story().say(armed=True, landed=AIR, height_m=10.0, mode=mode, failsafe=True).start()
+    story.until("LAND", limit_s=5.0)
+    assert story.motions[:1] == ["LAND"]
+
+
+@pytest.mark.parametrize("mode", ["AUTO.LOITER", "AUTO.RTL", "AUTO.LAND"])
+def test_a_failsafe_that_acts_at_the_start_keeps_the_vehicle(mode):
+    story = Story().say(armed=True, landed=AIR, height_m=10.0, mode=mode, failsafe=True).start()
+    story.until("PILOT", limit_s=5.0)
+    assert story.motions == []
+
+
+# --- by set-points, or by a mission of the autopilot ------------------------------------------------------------------
+
+
+def by_set_points(*, failed=False):
+    """Return a mission that is flown by set-points, and held by them where a component has failed."""
+    story = at("MISSION flying")
+    story.planner.flown_ns = -(10**12)
+    story.state = evolve(
+        story.state, session=evolve(story.state.session, mission=evolve(story.state.session.mission, set_points=True))
+    )
+    story.vehicle.says["mode"] = "OFFBOARD"
+    story.after(1.5).expect("MISSION", "flying")
+    if failed:
+        story.vehicle.says["horizontal_speed_m_s"] = 0.1
+        story.fail("lrf", 8).until("HOLD", "holding").after(1.2)
+    return story.look()
+
+
+@pytest.mark.parametrize("failed", [False, True], ids=["in the mission", "while it holds"])
+@pytest.mark.parametrize("mode", ["AUTO.MISSION", "AUTO.LOITER"])
+def test_a_mission_or_a_hold_of_the_autopilot_is_somebody_elses_in_a_mission_by_set_points(mode, failed):
+    story = by_set_points(failed=failed)
+    story.say(mode=mode)
+    assert story.motions == []
+    story.after(1.0).expect("PILOT").back("lrf").after(2.0).fail("imu", 16).after(1.0)
+    assert story.motions == []
+
+
+def test_a_mission_by_set_points_holds_and_goes_on_by_them():
+    story = by_set_points(failed=True).back("lrf").until("HOLD", "resuming").after(2.0).expect("MISSION", "flying")
+    story.fail("lrf", 8).until("HOLD", "holding").after(1.0).expect("HOLD", "holding")
+    assert story.motions == ["RESUME", "HOLD"]
+
+
+@pytest.mark.parametrize("step", ["holding", "resuming"])
+def test_fly_here_of_a_ground_station_is_somebody_elses_where_a_mission_of_the_autopilot_is_held(step):
+    story = in_mission()
+    story.vehicle.mode = "AUTO.MISSION"
+    story.after(1.0).fail("lrf", 8).until("HOLD", "holding").after(0.5)
+    if step == "resuming":
+        story.vehicle.obeys = False
+        story.back("lrf").until("HOLD", "resuming")
+    story.look()
+    story.say(mode="OFFBOARD", horizontal_speed_m_s=3.0)
+    story.after(1.0).expect("PILOT")
+    assert story.motions == []
+
+
+# --- a mission behind the pilot ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("place", ["DATA_CLEANUP", "OUTREACH data"])
+def test_no_further_mission_takes_off_behind_a_pilot_who_flew_by_hand(place):
+    story = at(place)
+    result = story.state.session.result
+    story.state = replace(story.state, queue=(ev.Mission(id="2"),))
+    story.say(armed=True, mode="POSCTL", pilot_in_control=True)
+    story.after(0.5).expect("PILOT")
+    assert story.state.queue == ()
+    assert "queue_dropped" in story.told
+    assert story.state.session.result is result
 
 
 # --- who lands before the last waypoint -------------------------------------------------------------------------------

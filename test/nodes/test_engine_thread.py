@@ -108,12 +108,13 @@ def test_requests_go_out_before_answers_and_both_before_the_record():
         assert run.next() == ("record", started(), EngineState(t_ns=5), (NOTE, ANSWER, LAND))
 
 
-def test_a_takeoff_alone_goes_out_after_it_was_written():
+@pytest.mark.parametrize("action", [MissionAction.TAKEOFF, MissionAction.HOLD, MissionAction.RESUME])
+def test_what_changes_the_flight_mode_goes_out_after_it_was_written(action):
     """Killed in between, an engine that is started again would take its own vehicle for somebody else's."""
-    takeoff = replace(LAND, action=MissionAction.TAKEOFF)
+    moves = replace(LAND, action=action)
 
     def decide(state, event, _rules):
-        return evolve(state, t_ns=event.t_ns), (NOTE, takeoff)
+        return evolve(state, t_ns=event.t_ns), (NOTE, moves)
 
     with Run(decide) as run:
         run.inbox.put(started())
@@ -121,6 +122,27 @@ def test_a_takeoff_alone_goes_out_after_it_was_written():
     with Run(decide, fails={("record", started()): OSError("x"), ("keep", ""): OSError("x")}) as run:
         run.inbox.put(started())
         assert [run.next()[0] for _ in range(3)] == ["record", "keep", "send"], "whatever becomes of that"
+
+
+@pytest.mark.parametrize("action", [MissionAction.LAND, MissionAction.ABORT])
+def test_a_landing_waits_for_nothing_to_be_written(action):
+    def decide(state, event, _rules):
+        return evolve(state, t_ns=event.t_ns), (replace(LAND, action=action), replace(LAND, action=MissionAction.LAND))
+
+    with Run(decide) as run:
+        run.inbox.put(started())
+        assert [run.next()[0] for _ in range(3)] == ["send", "send", "record"]
+
+
+def test_nor_does_a_hold_that_is_landed_at_once():
+    hold = replace(LAND, action=MissionAction.HOLD)
+
+    def decide(state, event, _rules):
+        return evolve(state, t_ns=event.t_ns), (LAND, hold)
+
+    with Run(decide) as run:
+        run.inbox.put(started())
+        assert [run.next()[0] for _ in range(3)] == ["send", "send", "record"]
 
 
 def test_events_are_decided_in_the_order_of_their_arrival():

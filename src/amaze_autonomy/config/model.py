@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, FrozenSet, Mapping, Optional, Tuple
 
 from amaze_autonomy.engine.rules import Limits, Rules
-from amaze_autonomy.missions import Bounds, FlightModel, MissionPlan, PlannerSpec
+from amaze_autonomy.missions import Bounds, Controller, FlightModel, MissionPlan, PlannerSpec
 from amaze_autonomy.monitoring.initialisation import InitialisationSpec, InitialisationType
 from amaze_autonomy.monitoring.specs import (
     AutopilotSensor,
@@ -205,6 +205,7 @@ def mission_of(
         severities=tuple((name, Severity(value)) for name, value in values["severities"].items()),
         required=tuple(values["required"]) or _required(components),
         tolerated=tuple(values["tolerated"]),
+        set_points=values["controller"] == Controller.OFFBOARD.value,
         **limits,
     )
 

@@ -36,11 +36,12 @@ LANDING_MODES: FrozenSet[str] = frozenset({"AUTO.LAND", "AUTO.PRECLAND"})
 HOLDING_MODES: FrozenSet[str] = frozenset({"AUTO.LOITER"})
 
 TAKES_OFF = (MissionAction.TAKEOFF, MissionAction.RESUME)
-_FLYING = frozenset({"AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD"})
+MISSION_MODE = "AUTO.MISSION"
+FLYING_MODES: FrozenSet[str] = frozenset({"AUTO.TAKEOFF", MISSION_MODE, "OFFBOARD"})
 
 DIRECT_MODES: Mapping[MissionAction, FrozenSet[str]] = {
-    MissionAction.TAKEOFF: _FLYING,
-    MissionAction.RESUME: _FLYING,
+    MissionAction.TAKEOFF: FLYING_MODES,
+    MissionAction.RESUME: FLYING_MODES,
     MissionAction.HOLD: HOLDING_MODES | {"OFFBOARD"},
     MissionAction.LAND: LANDING_MODES,
     MissionAction.ABORT: LANDING_MODES,
@@ -49,11 +50,44 @@ DIRECT_MODES: Mapping[MissionAction, FrozenSet[str]] = {
 
 MODES: Mapping[MissionAction, FrozenSet[str]] = {
     **DIRECT_MODES,
-    MissionAction.TAKEOFF: _FLYING | HOLDING_MODES,  # PX4 loiters after its takeoff
+    MissionAction.TAKEOFF: FLYING_MODES | HOLDING_MODES,  # PX4 loiters after its takeoff
 }
 
-_ON_THE_WAY: Mapping[str, int] = {"AUTO.TAKEOFF": 1, "AUTO.LOITER": 1, "OFFBOARD": 2, "AUTO.MISSION": 3}
+_ON_THE_WAY: Mapping[str, int] = {"AUTO.TAKEOFF": 1, "AUTO.LOITER": 1, "OFFBOARD": 2, MISSION_MODE: 3}
 """How far a takeoff has come by its mode; some are left out: ArduPilot takes off in OFFBOARD (its GUIDED)."""
+
+
+_OF_A_MISSION: Mapping[MissionAction, FrozenSet[str]] = {
+    MissionAction.TAKEOFF: frozenset({MISSION_MODE}),
+    MissionAction.RESUME: frozenset({MISSION_MODE}),
+    MissionAction.HOLD: HOLDING_MODES,
+}
+_OF_SET_POINTS: FrozenSet[str] = frozenset({"OFFBOARD"})
+
+
+def without(
+    modes: Mapping[MissionAction, FrozenSet[str]], *, set_points: bool, by_mission: bool
+) -> Mapping[MissionAction, FrozenSet[str]]:
+    """Return the modes of each command without those of the other way to fly: they are somebody else's.
+
+    Args:
+        modes: `MODES` or `DIRECT_MODES`.
+        set_points: the mission is flown by set-points: no mission and no hold of the autopilot is ours.
+        by_mission: the flight was seen to be flown by a mission of the autopilot: no set-points are ours any more.
+    """
+    if set_points:
+        return {action: names - _OF_A_MISSION.get(action, frozenset()) for action, names in modes.items()}
+    return {action: names - _OF_SET_POINTS for action, names in modes.items()} if by_mission else modes
+
+
+_OWN = {
+    (set_points, by_mission): (
+        without(MODES, set_points=set_points, by_mission=by_mission),
+        without(DIRECT_MODES, set_points=set_points, by_mission=by_mission),
+    )
+    for set_points in (False, True)
+    for by_mission in (False, True)
+}
 
 
 def is_further(mode: str, flown: str) -> bool:
@@ -68,6 +102,7 @@ def ours(
     flown: str = "",
     *,
     lands: bool = False,
+    modes: Mapping[MissionAction, FrozenSet[str]] = MODES,
 ) -> bool:
     """Return True when a flight mode matches an outstanding or the last confirmed command; an unknown mode does.
 
@@ -78,12 +113,13 @@ def ours(
         flown: how far a takeoff or a resume has come. What lies before it is no answer to that any more: a hold, or
             set-points, after the mission was flown are the pilot's, or another ground station's.
         lands: the planner says that it lands.
+        modes: that are the answer to each command.
     """
     if not mode or (lands and mode in LANDING_MODES):
         return True
     actions = commanded if confirmed is None else (*commanded, confirmed)
     past = is_further(flown, mode)
-    return any(mode in MODES[action] and not (past and action in TAKES_OFF) for action in actions)
+    return any(mode in modes[action] and not (past and action in TAKES_OFF) for action in actions)
 
 
 # --- context ----------------------------------------------------------------------------------------------------------
@@ -115,6 +151,20 @@ class Context:
     def put(self, part: str, **changes: Any) -> None:
         """Change fields of a part of the state."""
         self.set(**{part: evolve(getattr(self.state, part), **changes)})
+
+    @property
+    def modes(self) -> Mapping[MissionAction, FrozenSet[str]]:
+        """The flight modes that are the answer to each command in this flight."""
+        return self._own_modes()[0]
+
+    @property
+    def direct_modes(self) -> Mapping[MissionAction, FrozenSet[str]]:
+        """Those of them that a command itself asks for."""
+        return self._own_modes()[1]
+
+    def _own_modes(self) -> Tuple[Mapping[MissionAction, FrozenSet[str]], Mapping[MissionAction, FrozenSet[str]]]:
+        mission = self.state.session.mission
+        return _OWN[mission is not None and mission.set_points, self.state.flight.by_mission]
 
     def asked(self) -> bool:
         """Return True while somebody asks for something that was not carried out yet."""
@@ -171,6 +221,12 @@ class Context:
         vehicle_ns = peers.vehicle_unknown_ns if peers.link_ns is None else peers.link_ns
         heard = [each for each in (peers.autopilot_ns, vehicle_ns) if each is not None]
         return not heard or self.now - min(heard) >= limit_ns
+
+    def unknown_for(self, limit_ns: int) -> bool:
+        """Return True when a vehicle that does not say that it is armed has not said for so long where it stands."""
+        since_ns, status = self.state.peers.vehicle_unknown_ns, self.state.peers.autopilot
+        armed = status is not None and status.armed is True
+        return since_ns is not None and self.now - since_ns >= limit_ns and not armed
 
     def armed(self) -> bool:
         """Return True when the vehicle says, freshly, that it is armed."""

@@ -64,6 +64,9 @@ CONDITIONS: Mapping[str, Callable[[Context], bool]] = {
     "landing": lambda context: context.lands(),
     "the pilot was alarmed and the vehicle is silent": lambda context: nobody_knows(context) is not None,
     "the vehicle has been silent for long": lambda context: context.silent_for(context.limits.pilot_silence_limit_ns),
+    "whether it stands on the ground has not been known for long": lambda context: context.unknown_for(
+        context.limits.pilot_silence_limit_ns
+    ),
     "last heard on the ground and disarmed": lambda context: context.last_heard_down(),
 }
 
@@ -179,6 +182,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.PILOT: (
             Case(_DONE, "Acknowledged.", "last heard on the ground and disarmed"),
             Case(_DONE, _UNKNOWN_END, "the vehicle has been silent for long"),
+            Case(_DONE, _UNKNOWN_END, "whether it stands on the ground has not been known for long"),
             Case(_NO, "Not on the ground and disarmed yet, or not known to be."),
         ),
     },

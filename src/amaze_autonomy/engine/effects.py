@@ -294,9 +294,10 @@ def give_up_landing(context: Context) -> None:
 
 
 def pilot(context: Context) -> None:
-    """Stop commanding: no mode is ours any more, that of before our commands neither."""
+    """Stop commanding: no mode is ours any more, nor that of before; no other mission takes off behind the pilot."""
     context.put("flight", commanded=(), confirmed=None, mode_before="", mode_flown="")
     context.put("flight", user_hold_ns=None, takeover_noted=False)
+    drop_queue(context)
 
 
 # --- data -------------------------------------------------------------------------------------------------------------

@@ -129,6 +129,7 @@ class Mission:
         max_height_m: limit above the takeoff position; None: the configuration's.
         max_distance_m: limit of the horizontal distance from the takeoff position; None: the configuration's.
         max_flight_time_ns: limit from the TAKEOFF command on; None: the configuration's.
+        set_points: it is flown by set-points: no mission and no hold mode of the autopilot is ours in it.
     """
 
     id: str
@@ -143,6 +144,7 @@ class Mission:
     max_height_m: Optional[float] = None
     max_distance_m: Optional[float] = None
     max_flight_time_ns: Optional[int] = None
+    set_points: bool = False
 
     def __post_init__(self) -> None:
         if not self.id:

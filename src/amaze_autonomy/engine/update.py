@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Callable, Dict, Iterable, Optional, Tuple, Type
 
-from .context import DIRECT_MODES, HOLDING_MODES, MODES, Context, is_further, ours
+from .context import FLYING_MODES, HOLDING_MODES, LANDING_MODES, MISSION_MODE, Context, is_further, ours
 from .events import (
     CHECKS,
     AutopilotStatus,
@@ -381,12 +381,12 @@ def _command_shown(context: Context, event: AutopilotStatus) -> None:
     """Take a mode that answers the last command in two statuses for its confirmation: what was before is over."""
     state = context.state
     answers = bool(state.flight.commanded) and state.flight.active and event.armed is not False
-    shown = event.mode if answers and event.mode in MODES[state.flight.commanded[-1]] else ""
+    shown = event.mode if answers and event.mode in context.modes[state.flight.commanded[-1]] else ""
     if shown and state.flight.mode_shown:
         context.put("flight", confirmed=state.flight.commanded[-1], commanded=state.flight.commanded[-1:])
     flies = state.state is State.MISSION and context.airborne()  # on the ground it may be the mode of before
     if flies and shown == state.flight.mode_shown and is_further(shown, state.flight.mode_flown):
-        context.put("flight", mode_flown=shown)
+        context.put("flight", mode_flown=shown, by_mission=state.flight.by_mission or shown == MISSION_MODE)
     if shown != state.flight.mode_shown:
         context.put("flight", mode_shown=shown)
 
@@ -398,7 +398,7 @@ def _taken_by(context: Context, event: AutopilotStatus) -> str:
         return ""
     if event.pilot_in_control:
         return f"the pilot flies (flight mode {event.mode})"
-    if event.failsafe and not _is_direct(context, event.mode):
+    if event.failsafe and not _is_asked_for(context, event):
         return "a failsafe of the autopilot is active"
     if not state.flight.active:
         after = state.state in _AFTER_FLIGHT or state.step is Step.TOUCHDOWN
@@ -412,11 +412,19 @@ def _taken_by(context: Context, event: AutopilotStatus) -> str:
     return "" if mine else f"flight mode {event.mode} was not commanded"
 
 
-def _is_direct(context: Context, mode: str) -> bool:
-    """Return True in a mode that one of our commands leads to by itself; until it shows, the one before is ours too."""
-    flight = context.state.flight
+def _is_asked_for(context: Context, event: AutopilotStatus) -> bool:
+    """Return True in a mode that no failsafe has chosen, whatever its flag says.
+
+    It is one that one of our commands leads to by itself (until it shows, the one before is ours too); the planner's
+    own landing; one that no failsafe chooses; or that in which an ARM of ours takes effect late, on the ground.
+    """
+    flight, planner, mode = context.state.flight, context.state.peers.planner, event.mode
+    if not flight.active:
+        late = context.may_arm_late() and not context.airborne() and _is_ours(context, event, lands=False)
+        return late or mode in FLYING_MODES
+    lands = planner is not None and planner.phase is MissionPhase.LANDING and mode in LANDING_MODES
     asked = flight.commanded or ((flight.confirmed,) if flight.confirmed is not None else ())
-    return flight.active and any(mode in DIRECT_MODES[action] for action in asked)
+    return lands or any(mode in context.direct_modes[action] for action in asked)
 
 
 def _unchanged(context: Context, event: AutopilotStatus) -> bool:
@@ -427,7 +435,7 @@ def _unchanged(context: Context, event: AutopilotStatus) -> bool:
 
 def _is_ours(context: Context, event: AutopilotStatus, *, lands: bool) -> bool:
     flight = context.state.flight
-    return ours(event.mode, flight.commanded, flight.confirmed, flight.mode_flown, lands=lands)
+    return ours(event.mode, flight.commanded, flight.confirmed, flight.mode_flown, lands=lands, modes=context.modes)
 
 
 def _planner_lands(context: Context) -> bool:

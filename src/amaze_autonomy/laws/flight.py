@@ -292,6 +292,13 @@ def nothing_is_commanded_in_pilot(m: Moment) -> Verdict:
     return "a command while the pilot has control" if moved else True
 
 
+@law("5 PILOT, MISSION_ENDED", "Behind the pilot no further mission waits to take off: a person selects it anew.")
+def no_mission_waits_behind_the_pilot(m: Moment) -> Verdict:
+    if m.after.state is not State.PILOT:
+        return None
+    return "a mission waits" if m.after.queue else True
+
+
 @law("4.4", "PILOT has a cause: the pilot, a failsafe, a foreign mode, or somebody else's arming.")
 def pilot_has_a_cause(m: Moment) -> Verdict:
     if m.after.state is not State.PILOT or not m.moved:
@@ -332,8 +339,19 @@ def a_landing_asked_for_is_not_forgotten(m: Moment) -> Verdict:
 def a_silent_vehicle_may_be_given_up(m: Moment) -> Verdict:
     if m.before.state is not State.PILOT or not _asks_to_end(m):
         return None
-    silent = m.saw.silent_ns() >= m.rules.limits.pilot_silence_limit_ns
-    return None if not silent else (True if m.moved else "it has been silent for long, and nothing leads out of PILOT")
+    ends = _is_silent(m) or _is_unknown(m)
+    return None if not ends else (True if m.moved else "it has been silent for long, and nothing leads out of PILOT")
+
+
+def _is_silent(m: Moment) -> bool:
+    return m.saw.silent_ns() >= m.rules.limits.pilot_silence_limit_ns
+
+
+def _is_unknown(m: Moment) -> bool:
+    """Return True when a vehicle that does not say that it is armed has not said for long whether it has landed."""
+    armed = m.saw.vehicle is not None and m.saw.vehicle.armed is True
+    long_ns = m.rules.limits.pilot_silence_limit_ns
+    return m.saw.unknown_ns is not None and m.saw.now - m.saw.unknown_ns >= long_ns and not armed
 
 
 def _asks_to_end(m: Moment) -> bool:
@@ -346,8 +364,7 @@ def pilot_ends_acknowledged(m: Moment) -> Verdict:
         return None
     last = m.saw.vehicle
     down = last is not None and last.armed is False and last.landed is ev.VehicleLanded.ON_GROUND
-    silent = m.saw.silent_ns() >= m.rules.limits.pilot_silence_limit_ns
-    ended = _asks_to_end(m) and (down or silent)
+    ended = _asks_to_end(m) and (down or _is_silent(m) or _is_unknown(m))
     return True if ended else "left without an acknowledgement, or its last word was not that it is down"
 
 

@@ -102,6 +102,7 @@ class Witness:
     motion_ns: int = 0
     motion_outcome: Optional[ev.Outcome] = None
     flown: str = ""
+    by_mission: bool = False
     answered: bool = False
     mode_before: str = ""
     disarmed_ns: Optional[int] = None
@@ -220,7 +221,8 @@ def _autopilot(
     begins = again and state.state is State.MISSION and event.armed is not False and witness.flown != "AUTO.MISSION"
     if begins and event.mode in _PAST and witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME):
         changes["flown"] = event.mode  # what two statuses in a row have said
-    _count_taken(witness, event, now, changes, limits)
+        changes["by_mission"] = witness.by_mission or event.mode == "AUTO.MISSION"
+    _count_taken(witness, event, now, changes, state, limits)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
         changes["answered"] = True
     if not link_good:
@@ -258,16 +260,19 @@ def _idle_since(
     return (now if witness.idle_ns is None else witness.idle_ns) if flies and idle else None
 
 
-def _count_taken(witness: Witness, event: Any, now: int, changes: Dict[str, Any], limits: Limits) -> None:
+def _count_taken(
+    witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState, limits: Limits
+) -> None:
     """Count the statuses in a row by which somebody else has control."""
     says = event.pilot_in_control or changes["foreign"] or (witness.taken > 0 and event.mode in NEVER_OURS)
     may_hold = not witness.answered and witness.motion in _AFTER_A_HOLD  # what was commanded then does not show yet
-    says = says or (event.failsafe and event.mode in (*NEVER_OURS, *(() if may_hold else ("AUTO.LOITER",))))
     soon = witness.motion is not None and now - witness.motion_ns <= limits.arm_limit_ns
     late = witness.flight == "none" and not witness.airborne and soon and event.armed is True
     changes["armed_late"] = witness.armed_late + 1 if late else 0
     answers = (*OURS[MissionAction.TAKEOFF], *OURS.get(witness.motion, ()))
     late = late and event.mode in answers  # our takeoff was called off, and it arms all the same
+    may_hold = may_hold or (late and event.landed not in _FLIES)
+    says = says or (event.failsafe and event.mode in (*NEVER_OURS, *(() if may_hold else ("AUTO.LOITER",))))
     says = says or (witness.flight == "none" and event.armed is True and witness.rested > 1 and not late)
     planner = witness.planner
     lands = planner is None or planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
@@ -275,6 +280,12 @@ def _count_taken(witness: Witness, event: Any, now: int, changes: Dict[str, Any]
     says = says or (flies and event.mode in _LANDING_MODES and not lands)
     goes = witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME)
     says = says or (goes and event.mode in _PAST.get(changes.get("flown", witness.flown), ()))
+    mission = state.session.mission
+    by_set_points = mission is not None and mission.set_points
+    other = _BY_SET_POINTS if by_set_points else _BY_MISSION if changes.get("by_mission", witness.by_mission) else {}
+    flown, before_it = changes.get("flown", witness.flown), event.mode == witness.mode_before and not witness.answered
+    shows = flown == "OFFBOARD" if by_set_points and witness.motion is MissionAction.HOLD else not before_it
+    says = says or (shows and witness.flight != "none" and event.mode in other.get(witness.motion, ()))
     before = witness.vehicle
     once = event.armed is False and before is not None and before.armed is not False
     if once and witness.taken > 1 and witness.flight != "none":
@@ -301,6 +312,15 @@ _PAST: Dict[str, Tuple[str, ...]] = {
     "AUTO.MISSION": ("AUTO.TAKEOFF", "AUTO.LOITER", "OFFBOARD"),
 }
 """What answers a takeoff or a resume no more once this was flown: then it is somebody else's, written by hand."""
+_BY_SET_POINTS: Dict[Optional[MissionAction], Tuple[str, ...]] = {
+    MissionAction.TAKEOFF: ("AUTO.MISSION",),
+    MissionAction.RESUME: ("AUTO.MISSION",),
+    MissionAction.HOLD: ("AUTO.LOITER",),
+}
+_BY_MISSION: Dict[Optional[MissionAction], Tuple[str, ...]] = dict.fromkeys(
+    (MissionAction.TAKEOFF, MissionAction.RESUME, MissionAction.HOLD), ("OFFBOARD",)
+)
+"""What is somebody else's, for the flight goes the other way, written by hand."""
 NEVER_OURS = ("POSCTL", "ALTCTL", "MANUAL", "STABILIZED", "ACRO", "AUTO.RTL")
 
 
@@ -467,6 +487,7 @@ def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
     if action is not witness.motion or action is MissionAction.TAKEOFF:
         changes["answered"] = False
     if action is MissionAction.TAKEOFF:
+        changes.update(by_mission=False)
         changes.update(flight="commanded", flight_ns=witness.now, airborne=False, landing=False, second=False)
         changes.update(alarmed=False, alarms=(), waited=(), disarmed_ns=None)
         changes["mode_before"] = witness.vehicle.mode if witness.vehicle is not None else ""

@@ -35,6 +35,7 @@ class FlightRecord:
         self._watch, self.waypoints = watch, waypoints
         self.guidance: Optional[Guidance] = None
         self.armed = self.airborne = self.lifted = False
+        self._flown = False  # it was seen in the mode that this flight is flown in
         self.failure = ""
         self.replaced = False  # what the vehicle flies is somebody else's mission, or begins anew
         self.landing = ""  # why it was landed, where it was
@@ -59,6 +60,8 @@ class FlightRecord:
         self.armed = self.armed or bool(watch.armed)
         self.airborne = self.airborne or (self.armed and bool(watch.armed) and watch.landed in AIRBORNE)
         self.lifted = self.lifted or (self.airborne and watch.is_up)
+        own = MISSION if self.guidance is None else OFFBOARD
+        self._flown = self._flown or (self.airborne and watch.mode == own)
         if not self.seems_down:
             self._ground_ns, self._beats = None, 0
         if self.armed:
@@ -68,6 +71,17 @@ class FlightRecord:
     def seems_down(self) -> bool:
         """True when the last that it said is disarmed and on the ground; whether that is so, others must agree."""
         return self._watch.armed is False and self._watch.landed is VehicleLanded.ON_GROUND
+
+    @property
+    def steered_by_others(self) -> str:
+        """Who has chosen a mode of the other way to fly, once it was flown in its own, in words; empty: nobody has.
+
+        By set-points no mission of the autopilot is ours, by one no set-points. A hold of the autopilot is looked at by
+        the engine: it asks for nothing over one that is not its own.
+        """
+        other = MISSION if self.guidance is not None else OFFBOARD
+        steered = self._flown and self.airborne and self._watch.armed and self._watch.mode == other
+        return f"somebody else has chosen the flight mode (mode {self._watch.mode})" if steered else ""
 
     def goes_on(self) -> bool:
         """Return whether a flight that was over goes on: it is armed in the air, where nobody arms a vehicle."""
@@ -144,6 +158,8 @@ class FlightRecord:
             return _P.LANDING
         if self.replaced:
             return _P.FAILED
+        if self.steered_by_others:
+            return before
         if watch.mode == HOLD and self.airborne:
             return _P.HOLDING
         if watch.mode == MISSION and self.airborne:

@@ -262,6 +262,7 @@ class Sequencer:
             landing=self._landing,
             other=self._other if t_ns - self._other_ns < _OTHER_NS else "",
             restarts=bool(self.watch.restarts) and self._controller is Controller.MISSION,
+            steered=self._flight.steered_by_others,
         )
 
     def _meant(self, t_ns: int) -> MissionAction:
@@ -393,7 +394,8 @@ class Sequencer:
         elif self._phase is _P.LANDING:
             self._phase = _P.FLYING
         lands = f"somebody else lands the vehicle (mode {watch.mode})" if others else ""
-        self._message = lands or flight.hands_off() or (procedure.reason if procedure else "") or flight.failure
+        others_fly = lands or flight.hands_off() or flight.steered_by_others
+        self._message = others_fly or (procedure.reason if procedure else "") or flight.failure
 
     def _doing(self, *actions: MissionAction) -> bool:
         """Return whether one of these was commanded last."""
@@ -448,6 +450,8 @@ class Sequencer:
             return []  # not silent: not read yet
         self._verify()
         self._give_up_late_takeoff(procedure)
+        if not lands and self._flight.steered_by_others and not self.watch.control.unexplained:
+            procedure.fail(self._flight.steered_by_others)
         sends = self._attention.lands(t_ns, self.watch.mode_ns) if lands else self._knows_the_vehicle
         sent = procedure.wake(t_ns, sends=sends)
         if sent and procedure.action not in _LANDINGS:
@@ -612,6 +616,7 @@ class Standing(NamedTuple):
         landing: why the vehicle is landed, whatever else is asked for, in words; empty: it is not.
         other: what the autopilot node commands; empty: nothing.
         restarts: its mission would begin anew after a hold.
+        steered: who has chosen the mode that it flies in, in words; empty: this planner.
     """
 
     watch: VehicleWatch
@@ -622,6 +627,7 @@ class Standing(NamedTuple):
     landing: str = ""
     other: str = ""
     restarts: bool = False
+    steered: str = ""
 
 
 def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
@@ -659,6 +665,8 @@ def _unfit(standing: Standing, action: MissionAction) -> str:
     control = watch.control
     if not takes_off and (control.acts_unasked or (action is _A.RESUME and control.may_wait)):
         return f"the autopilot acts by its failsafe (mode {watch.mode})"
+    if not takes_off and standing.steered and not control.unexplained:
+        return standing.steered
     if not takes_off and (watch.mode in LANDING_MODES or watch.lands):
         return f"the vehicle lands (mode {watch.mode})"
     if takes_off and standing.other:

@@ -232,9 +232,9 @@ def _urgent(event: Event) -> bool:
 
 
 # --- engine thread ----------------------------------------------------------------------------------------------------
-# The one thread that decides. It reads what comes itself; requests go out first, everything else after them; a takeoff
-# alone is written down before it goes out. Nothing that fails ends the thread: each part of a decision is tried,
-# whatever becomes of the others. Should it end all the same, its node sees that (`ending.py`).
+# The one thread that decides. It reads what comes itself; requests go out first, everything else after them; a takeoff,
+# a hold and a resume alone are written down before they go out. Nothing that fails ends the thread: each part of a
+# decision is tried, whatever becomes of the others. Should it end all the same, its node sees that (`ending.py`).
 
 
 Decide = Callable[[EngineState, Event, Rules], Tuple[EngineState, Tuple[Command, ...]]]
@@ -247,10 +247,13 @@ TakeUp = Callable[[UserEvent], bool]
 _LONGEST_SLEEP_S = 3600.0
 _AFTER_DEFECT_S = 0.01
 _MOST_SAID = 100  # failures that are remembered as said
+_KEPT = frozenset({MissionAction.TAKEOFF, MissionAction.HOLD, MissionAction.RESUME})
 
 
-def _takes_off(command: Command) -> bool:
-    return isinstance(command, MissionCommand) and command.action is MissionAction.TAKEOFF
+def _are_kept(commands: Sequence[Command]) -> bool:
+    """Return whether they change the flight mode, and none of them lands: a landing waits for nothing."""
+    actions = {command.action for command in commands if isinstance(command, MissionCommand)}
+    return bool(actions & _KEPT) and MissionAction.LAND not in actions
 
 
 class EngineThread:
@@ -266,7 +269,8 @@ class EngineThread:
         answer: hands an answer to the user who waits for it; must not wait.
         record: takes (event, state after it, commands) to write and publish; must not wait.
         state: to start from.
-        keep: waits, not for long, until what was recorded is written; called before a takeoff goes out.
+        keep: waits, not for long, until what was recorded is written; called before what changes the
+            flight mode goes out, a landing never.
         take_up: tells whether what a user asks is still to be decided about, just before it is; must not wait. What is
             not is not recorded either: a replay decides about the same.
 
@@ -389,8 +393,8 @@ class EngineThread:
         if self._replaced and threading.current_thread() is self._thread:
             return
         self.state = state
-        takes_off = any(map(_takes_off, commands))
-        if takes_off:  # killed behind it, and started again, it must know that what is in the air is its own
+        kept = _are_kept(commands)
+        if kept:  # killed behind it, and started again, it must know that the mode that answers it is its own
             self._try("record", self._record, event, state, commands)
             self._try("keep", self._keep)
         for command in commands:
@@ -399,7 +403,7 @@ class EngineThread:
         for command in commands:
             if isinstance(command, Answer):
                 self._try("answer", self._answer, command)
-        if not takes_off:
+        if not kept:
             self._try("record", self._record, event, state, commands)
 
     def _ask(self, request: Request) -> None:
