@@ -11,7 +11,7 @@ Mistakes in a scenario file are `amaze_autonomy.config.errors.ConfigError`, with
 from __future__ import annotations
 
 from difflib import get_close_matches
-from typing import Tuple
+from typing import Mapping, Tuple
 
 
 class SimulationError(Exception):
@@ -67,7 +67,9 @@ class NoEffectError(SimulationError):
 # --- errors -----------------------------------------------------------------------------------------------------------
 # What can go wrong around the simulated PX4.
 #
-# SimulationError (of `amaze_autonomy.simulation`) └── VehicleAddressError
+# SimulationError (of `amaze_autonomy.simulation`)
+# ├── VehicleAddressError
+# └── UnsupportedParameterError
 
 
 class VehicleAddressError(SimulationError):
@@ -81,3 +83,19 @@ class VehicleAddressError(SimulationError):
     def __init__(self, address: str, problem: str) -> None:
         super().__init__(f"{address}: {problem}")
         self.address, self.problem = address, problem
+
+
+class UnsupportedParameterError(SimulationError):
+    """A parameter has a value with which the simulated vehicle would do something else than a real one.
+
+    Args:
+        name: of the parameter.
+        value: that it has.
+        known: value that can be simulated -> what it means.
+    """
+
+    def __init__(self, name: str, value: float, known: Mapping[int, str]) -> None:
+        *others, last = (f"{number} ({meaning})" for number, meaning in sorted(known.items()))
+        wanted = f"must be {', '.join(others)} or {last} for the simulated PX4"
+        super().__init__(f"{name} {value:g}: {wanted}; override autopilot.parameters.{name} to simulate")
+        self.name, self.value = name, value

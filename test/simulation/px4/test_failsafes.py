@@ -144,6 +144,72 @@ def test_a_transmitter_that_is_lost_in_flight_returns_unless_the_parameter_excep
     assert ("Manual control lost\t" in bench.texts()) is not bool(exceptions & bit)
 
 
+@pytest.mark.parametrize(
+    "action, modes, text",
+    [
+        (1, ["AUTO.LOITER"], "Failsafe activated\t"),
+        (2, ["AUTO.LOITER", "AUTO.RTL"], "Failsafe activated: entering Hold for 5 seconds\t"),
+        (3, ["AUTO.LOITER", "AUTO.LAND"], "Failsafe activated: entering Hold for 5 seconds\t"),
+    ],
+    ids=["hold", "return", "land"],
+)
+def test_a_transmitter_that_is_lost_in_a_mission_does_what_the_parameter_says(action, modes, text):
+    bench = Bench(parameters={"NAV_RCL_ACT": action}).take_off().advance(1.0)
+    assert bench.upload(bench.items((50.0, 0.0, 2.0, 0.0))) == 0
+    bench.craft.command_mode("AUTO.MISSION")
+    bench.advance(1.0)
+    assert modes_without_transmitter(bench) == ["AUTO.MISSION", *modes]
+    assert text in bench.texts()
+    assert bench.last("HEARTBEAT").system_status == mavlink.MAV_STATE_CRITICAL
+    bench.craft.flags.not_ready.clear()
+    assert bench.advance(2.0).craft.mode == modes[-1]  # a transmitter that is back changes nothing
+
+
+@pytest.mark.parametrize("action, modes", [(1, ["AUTO.LOITER"]), (2, []), (3, ["AUTO.LOITER", "AUTO.LAND"])])
+@pytest.mark.parametrize("mode", ["AUTO.LAND", "AUTO.RTL"])
+def test_a_transmitter_that_is_lost_on_the_way_down_interrupts_it_unless_the_parameter_says_return(mode, action, modes):
+    bench = Bench(parameters={"NAV_RCL_ACT": action}).take_off(20.0).advance(1.0)
+    bench.craft.command_mode(mode)
+    bench.advance(1.0)
+    assert modes_without_transmitter(bench) == [mode, *modes]
+
+
+@pytest.mark.parametrize("battery, worse", [(2, "AUTO.LAND"), (3, "AUTO.RTL")], ids=["land", "return"])
+@pytest.mark.parametrize("held_s", [1.0, 6.0], ids=["while it holds", "after that"])
+def test_a_lost_transmitter_does_not_weaken_what_is_done_about_the_battery(battery, worse, held_s):
+    bench = Bench(parameters={"COM_LOW_BAT_ACT": battery, "NAV_RCL_ACT": 1}).take_off(20.0).advance(1.0)
+    bench.power.drop_to(0.06)
+    bench.advance(held_s)
+    modes_without_transmitter(bench)
+    assert bench.craft.mode == worse
+
+
+def test_a_lost_transmitter_lands_a_return_at_once():
+    bench = Bench(parameters={"COM_LOW_BAT_ACT": 3, "NAV_RCL_ACT": 3}).take_off(20.0).advance(1.0)
+    bench.power.drop_to(0.06)
+    bench.advance(6.0)
+    assert modes_without_transmitter(bench) == ["AUTO.RTL", "AUTO.LAND"]
+
+
+@pytest.mark.parametrize("exceptions, modes", [(0, ["AUTO.LOITER"]), (2, [])])
+def test_what_excepts_a_hold_excepts_a_takeoff_as_well(exceptions, modes):
+    bench = Bench(parameters={"NAV_RCL_ACT": 1, "COM_RCL_EXCEPT": exceptions})
+    bench.arm()
+    bench.craft.climb_to(40.0)
+    bench.until(lambda: bench.craft.height_m > 2.0)
+    assert modes_without_transmitter(bench) == ["AUTO.TAKEOFF", *modes]
+
+
+def modes_without_transmitter(bench, seconds=7.0):
+    """Take the transmitter away; return the modes that follow, with the one before."""
+    modes = [bench.craft.mode]
+    bench.craft.flags.not_ready["rc"] = "no transmitter"
+    for _ in range(round(seconds * 10)):
+        bench.advance(0.1)
+        modes += [bench.craft.mode] if bench.craft.mode != modes[-1] else []
+    return modes
+
+
 @pytest.mark.parametrize("sensor", ["gps", "imu", "magnetometer", "barometer"])
 def test_a_sensor_is_unhealthy_or_not_reported_as_its_world_says(sensor):
     bits = {

@@ -11,6 +11,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from amaze_autonomy.autopilot.vehicle.preflight import channel_width_us
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.simulation import parse_scenario
+from amaze_autonomy.simulation.ardupilot import AUTOPILOTS, ArduPilot
+from amaze_autonomy.simulation.errors import UnsupportedParameterError
 from amaze_autonomy.simulation.px4 import Framing, VehicleAddressError
 from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
 
@@ -117,6 +119,17 @@ def test_the_vehicle_has_the_parameters_that_the_configuration_expects(configura
     _, px4 = fly_world(configuration)
     assert expected
     assert {name: px4.parameters[name] for name in expected} == dict(expected)
+
+
+@pytest.mark.parametrize("action", [0, 4, 5, 6])
+def test_a_parameter_that_the_simulated_vehicle_cannot_follow_is_refused(action):
+    configuration = load_configuration(CONFIG, [f"autopilot.parameters.NAV_RCL_ACT={action}"])
+    with pytest.raises(UnsupportedParameterError) as refused:
+        fly_world(configuration)
+    words = "must be 1 (hold), 2 (return) or 3 (land) for the simulated PX4; override"
+    assert str(refused.value) == f"NAV_RCL_ACT {action}: {words} autopilot.parameters.NAV_RCL_ACT to simulate"
+    _, ardupilot = fly_world(configuration, kind=AUTOPILOTS["ardupilot"])  # which has no such parameter
+    assert isinstance(ardupilot, ArduPilot)
 
 
 def test_the_vehicle_is_at_the_other_end_of_the_nodes_links(configuration):

@@ -172,7 +172,10 @@ _WITH_POSITION = (Mode.MISSION, Mode.LOITER, Mode.TAKEOFF, Mode.RTL, Mode.LAND, 
 _LAND_AT = {2: 2, 3: 3}  # COM_LOW_BAT_ACT -> level at which it lands
 _RETURN_AT = {1: 2, 3: 2}  # COM_LOW_BAT_ACT -> level at which it returns
 
-_EXCEPT_BITS = {Mode.MISSION: 1, Mode.LOITER: 2, OFFBOARD: 4}  # COM_RCL_EXCEPT: without the transmitter it flies on
+# COM_RCL_EXCEPT: without the transmitter it flies on
+_EXCEPT_BITS = {Mode.MISSION: 1, Mode.LOITER: 2, Mode.TAKEOFF: 2, OFFBOARD: 4}
+WITHOUT_TRANSMITTER = {1: Mode.LOITER, 2: Mode.RTL, 3: Mode.LAND}  # NAV_RCL_ACT
+_SEVERITY = {Mode.LOITER: 1, Mode.RTL: 2, Mode.LAND: 3, DESCEND: 4}  # of failsafes the worst is done
 _AFTER_OFFBOARD = {3: Mode.RTL, 4: Mode.LAND, 5: Mode.LOITER}  # COM_OBL_RC_ACT
 
 _Say = Callable[[int, str], None]
@@ -257,9 +260,27 @@ class Failsafes:
     def _follow_transmitter(self, t_ns: int, *, transmitter: bool) -> None:
         lost = not transmitter
         newly, self._transmitter_lost = lost and not self._transmitter_lost, lost
-        exceptions = int(self._parameters["COM_RCL_EXCEPT"])
-        exempt = {mode for mode, bit in _EXCEPT_BITS.items() if exceptions & bit} | {Mode.LAND, Mode.RTL}
-        if newly and self._craft.airborne and self._craft.mode not in exempt:
-            self._say(_EMERGENCY, "Manual control lost\t")
-            if int(self._parameters["NAV_RCL_ACT"]) == 2:  # noqa: PLR2004 - RTL
-                self._delay(t_ns, Mode.RTL)
+        if newly and self._craft.airborne:
+            self._lose_transmitter(t_ns)
+
+    def _lose_transmitter(self, t_ns: int) -> None:
+        """Do what NAV_RCL_ACT says, unless more is done already; as seen of PX4 1.16.1, also on the way down."""
+        mode, exceptions = self._craft.mode, int(self._parameters["COM_RCL_EXCEPT"])
+        action = WITHOUT_TRANSMITTER.get(int(self._parameters["NAV_RCL_ACT"]), "")
+        comes_down = mode in (Mode.LAND, Mode.RTL)
+        if exceptions & _EXCEPT_BITS.get(mode, 0) or (action == Mode.RTL and comes_down):
+            return
+        self._say(_EMERGENCY, "Manual control lost\t")
+        if _SEVERITY.get(action, 0) <= self._severity():
+            return
+        if action == Mode.LOITER or (self._craft.failsafe and comes_down):
+            self._act(action)
+        else:
+            self._delay(t_ns, action)
+
+    def _severity(self) -> int:
+        """Return that of what a failsafe does now, or will do after its hold; 0: there is none."""
+        if not self._craft.failsafe:
+            return 0
+        done = self._craft.mode if self._hold_until_ns is None else self._after_hold
+        return _SEVERITY.get(done or "", 0)

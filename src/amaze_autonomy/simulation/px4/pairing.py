@@ -9,16 +9,20 @@ from amaze_autonomy.autopilot.errors import EndpointError
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation.scenario import Scenario
+from amaze_autonomy.simulation.vehicle.flight import Mode
 from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 from amaze_autonomy.simulation.world import World
 
 from ...autopilot.link.ports import EndpointKind, parse_endpoint
-from ..errors import VehicleAddressError
+from ..errors import UnsupportedParameterError, VehicleAddressError
 from .craft import Craft
-from .health import Wrong
+from .health import WITHOUT_TRANSMITTER, Wrong
 from .px4 import Px4
 from .settings import PARAMETERS, Px4Settings
+from .wire import Parameters
 
+_LOST_TRANSMITTER = "NAV_RCL_ACT"
+_MEANINGS = {Mode.LOITER: "hold", Mode.RTL: "return", Mode.LAND: "land"}
 _SENSORS = ("gps", "imu", "magnetometer", "barometer")
 _ENDS = {EndpointKind.UDP_IN: EndpointKind.UDP_OUT, EndpointKind.UDP_OUT: EndpointKind.UDP_IN}
 
@@ -38,6 +42,9 @@ def fly_world(
     """Make a world whose vehicle is flown over MAVLink, and its PX4; faults, physics and battery are the world's.
 
     `kind` are the classes of another autopilot and its craft.
+
+    Raises:
+        UnsupportedParameterError: with a value of a parameter it would do something else than a real vehicle.
     """
     chosen = settings or Px4Settings()
     make_craft, make_autopilot = kind
@@ -74,7 +81,14 @@ def fly_world(
         seed=seed,
         unix_ns=unix_ns,
     )
+    _check_parameters(px4.parameters)
     return world, px4
+
+
+def _check_parameters(parameters: Parameters) -> None:
+    if _LOST_TRANSMITTER in parameters and parameters[_LOST_TRANSMITTER] not in WITHOUT_TRANSMITTER:
+        meanings = {value: _MEANINGS[mode] for value, mode in WITHOUT_TRANSMITTER.items()}
+        raise UnsupportedParameterError(_LOST_TRANSMITTER, parameters[_LOST_TRANSMITTER], meanings)
 
 
 def _wrong(world: World) -> Wrong:

@@ -200,6 +200,9 @@ class Parameters:
     def __init__(self, values: Mapping[str, _Number]) -> None:
         self._values: Dict[str, _Number] = {name: values[name] for name in sorted(values)}
 
+    def __contains__(self, name: str) -> bool:
+        return name in self._values
+
     def __getitem__(self, name: str) -> _Number:
         return self._values[name]
 
