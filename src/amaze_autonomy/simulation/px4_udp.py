@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Protocol, Sequence, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Protocol, Sequence, Set, Tuple
 
 from amaze_autonomy import paths
 from amaze_autonomy.autopilot.errors import EndpointError
@@ -34,12 +34,14 @@ from amaze_autonomy.simulation.world import World
 from .px4.links import BadLine, Quality
 
 # --- the server -------------------------------------------------------------------------------------------------------
-# ``udpin:HOST:PORT`` waits there; everyone who speaks to it becomes a connection of its own. ``udpout:HOST:PORT``
-# speaks to that address from the beginning, as PX4 does to computers on board.
+# ``udpin:HOST:PORT`` waits there; everyone who speaks to it becomes a connection of its own. When there are too many,
+# whoever is silent for longest is forgotten. ``udpout:HOST:PORT`` speaks to that address from the beginning, as PX4
+# does to computers on board, and never forgets it.
 
 
 _SLICE_S, _LEAST_S = 0.02, 0.004
 _PEERS_MAX = 16
+_SILENT_S = 3.0  # three heartbeats: whoever is silent for longer makes room for another one
 _BYTES = 65536
 _log = logging.getLogger(__name__)
 
@@ -70,6 +72,7 @@ class VehicleServer:
         owner: of the world.
         preset: of the rates of new connections: onboard or gcs.
         mute: names connections (a component that was heard on them) that are cut at this moment.
+        complain: is told once that somebody is not answered, and once that somebody is forgotten.
 
     Raises:
         VehicleAddressError: an address cannot be served.
@@ -82,10 +85,15 @@ class VehicleServer:
         owner: VehicleTime,
         preset: str = "onboard",
         mute: Callable[[int], bool] = lambda _: False,
+        *,
+        complain: Callable[[str], None] = _log.warning,
     ) -> None:
-        self._px4, self._owner, self._preset, self._mute = px4, owner, preset, mute
+        self._px4, self._owner, self._preset, self._mute, self._complain = px4, owner, preset, mute, complain
         self._peers: Dict[str, _Peer] = {}
         self._heard: Dict[str, int] = {}
+        self._heard_s: Dict[str, float] = {}
+        self._kept: Set[Optional[str]] = set()
+        self._told_full = self._told_forgotten = False
         self._waiting: List[socket.socket] = []
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="vehicle", daemon=True)
@@ -133,7 +141,7 @@ class VehicleServer:
         if endpoint.kind is EndpointKind.UDP_OUT:
             with contextlib.suppress(OSError):
                 place = (socket.gethostbyname(endpoint.address), endpoint.number)
-            self._meet(port, place)
+            self._kept.add(self._meet(port, place))
 
     def _close(self) -> None:
         for port in self._waiting:
@@ -143,13 +151,31 @@ class VehicleServer:
         """Return the name of the connection to a place; None when there are too many already."""
         name = f"{place[0]}:{place[1]}"
         if name not in self._peers:
-            if len(self._peers) >= _PEERS_MAX:
+            if len(self._peers) >= _PEERS_MAX and not self._make_room(name):
                 return None
             settings = self._px4.settings
             framing = Framing(settings.system, 1, settings.signing_key, time.time_ns())
             self._peers[name] = _Peer(port, place, framing)
             self._px4.connect(name, self._preset)
         return name
+
+    def _make_room(self, name: str) -> bool:
+        """Forget whoever is silent for longest; False when all still speak. A transfer of theirs ends by its limit."""
+        silent = min(self._heard_s, key=lambda each: self._heard_s[each], default="")
+        if not silent or time.monotonic() - self._heard_s[silent] < _SILENT_S:
+            if not self._told_full:
+                self._told_full = True
+                speak = f"{_PEERS_MAX} speak to the simulated vehicle"
+                self._complain(f"{speak}: it does not answer {name}, nor others, until one is silent")
+            return False
+        del self._peers[silent], self._heard_s[silent]
+        self._heard.pop(silent, None)
+        self._px4.disconnect(silent)
+        if not self._told_forgotten:
+            self._told_forgotten = True
+            spoken = f"{_PEERS_MAX} have spoken to the simulated vehicle"
+            self._complain(f"{spoken}: {silent}, silent for longest, is forgotten, and others will be")
+        return True
 
     # --- the loop -------------------------------------------------------------------------------------------------
 
@@ -175,6 +201,8 @@ class VehicleServer:
             name = self._meet(port, place)
             if name is None:
                 continue
+            if name not in self._kept:
+                self._heard_s[name] = time.monotonic()
             for message in self._peers[name].framing.decode(data):
                 self._heard[name] = message.get_srcComponent()
                 if not self._cut(name):
@@ -388,7 +416,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    words = "udpin:HOST:PORT to wait there for any number of peers, udpout:HOST:PORT to speak to one; may be repeated"
+    words = "udpin:HOST:PORT to wait there for up to 16 peers, udpout:HOST:PORT to speak to one; may be repeated"
     parser.add_argument("--link", action="append", default=[], dest="links", metavar="URL", help=words)
     words = "rates of its messages: those for a computer on board, or the lower ones for a ground station"
     parser.add_argument("--rates", choices=tuple(PRESETS), default="onboard", help=words)

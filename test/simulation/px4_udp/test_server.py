@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
+import time
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from udp_tools import Client, Quick, free_port, served
 
+from amaze_autonomy.simulation import px4_udp
 from amaze_autonomy.simulation.px4 import VehicleAddressError
 from amaze_autonomy.simulation.px4_udp import VehicleServer
 
@@ -71,15 +74,58 @@ def test_garbage_is_passed_over():
         assert client.command(ARM, 1) == 0
 
 
-def test_more_peers_than_it_serves_are_not_answered():
-    with served() as (_, port):
-        clients = [Client(port) for _ in range(17)]
-        try:
-            assert all(client.hear("ATTITUDE") is not None for client in clients[:16])
-            assert clients[16].hear("ATTITUDE", 0.3) is None
-        finally:
-            for client in clients:
-                client.link.close()
+def test_more_peers_than_it_serves_are_not_answered_and_that_is_told_once(monkeypatch):
+    monkeypatch.setattr(px4_udp, "_SILENT_S", 60.0)
+    told = []
+    with served(complain=told.append) as (_, port), clients(port, 16) as first:
+        assert all(client.hear("ATTITUDE") is not None for client in first)
+        with clients(port, 2) as late:
+            assert [client.hear("ATTITUDE", 0.3) for client in late] == [None, None]
+            one = place_of(late[0])
+    assert told == [f"16 speak to the simulated vehicle: it does not answer {one}, nor others, until one is silent"]
+
+
+def test_peers_that_are_gone_make_room_and_one_that_speaks_or_was_named_stays(monkeypatch):
+    monkeypatch.setattr(px4_udp, "_SILENT_S", 0.5)
+    told, gone = [], ""
+    with socket.socket(type=socket.SOCK_DGRAM) as named:
+        named.bind(("127.0.0.1", 0))
+        named.settimeout(2.0)
+        addresses = ("udpin:127.0.0.1:0", f"udpout:127.0.0.1:{named.getsockname()[1]}")
+        with served(addresses=addresses, complain=told.append) as (_, port), Client(port) as stays:
+            assert stays.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 30, -1) == 0
+            for _ in range(3):
+                stays.beat()
+                with clients(port, 14) as some:
+                    assert all(client.hear("HEARTBEAT") is not None for client in some)
+                    gone = gone or place_of(some[0])
+                time.sleep(0.6)
+            on_their_way = iter(range(100))
+            while stays.hear("ATTITUDE", 0.1) is not None and next(on_their_way, None) is not None:
+                pass
+            assert stays.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 33) == 0
+            assert stays.hear("ATTITUDE", 0.3) is None
+            named.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                while named.recvfrom(2048):
+                    pass
+            named.settimeout(2.0)
+            assert named.recvfrom(2048)
+    assert told == [
+        f"16 have spoken to the simulated vehicle: {gone}, silent for longest, is forgotten, and others will be"
+    ]
+
+
+@contextlib.contextmanager
+def clients(port, count):
+    """Have clients that have spoken once; gone for good afterwards."""
+    with contextlib.ExitStack() as all_of_them:
+        yield [all_of_them.enter_context(Client(port)) for _ in range(count)]
+
+
+def place_of(client):
+    """Return where the vehicle sees a client."""
+    return f"127.0.0.1:{client.link.port.getsockname()[1]}"
 
 
 @pytest.mark.parametrize(

@@ -37,10 +37,10 @@ class Quick:
 
 
 @contextlib.contextmanager
-def served(speed=1.0, addresses=("udpin:127.0.0.1:0",), mute=lambda _: False, **settings):
+def served(speed=1.0, addresses=("udpin:127.0.0.1:0",), mute=lambda _: False, complain=print, **settings):
     """Serve a vehicle; yields it and the port of its first address."""
     owner = Quick(speed, **settings)
-    server = VehicleServer(owner.px4, _free(addresses), owner, mute=mute)
+    server = VehicleServer(owner.px4, _free(addresses), owner, mute=mute, complain=complain)
     server.start()
     try:
         yield owner, server.ports[0]

@@ -346,6 +346,7 @@ def _server(configuration: Configuration, world: World, px4: Px4, live: LiveWorl
         live,
         str(rospy.get_param("~rates", "gcs")),
         mute=lambda component: component == autopilot and world.link_lost(),
+        complain=rospy.logwarn,
     )
 
 

@@ -122,6 +122,10 @@ class Px4:
         """Have a connection, with the rates of an onboard computer (onboard) or of a ground station (gcs)."""
         return self._links.setdefault(name, Link(name, self._now_ns, preset))
 
+    def disconnect(self, name: str) -> None:
+        """Forget a connection, with its rates and texts."""
+        self._links.pop(name, None)
+
     @property
     def next_ns(self) -> int:
         """Time at which a message is due next."""
