@@ -117,6 +117,7 @@ MISSION_FACTS: Mapping[str, Tuple[str, ...]] = {
     "severities": ("watchdog",),
     "required": ("watchdog",),
     "tolerated": ("watchdog",),
+    "set_points": ("mode",),
     **{each.name: LIMIT_FACTS[each.name] for each in fields(Mission) if each.name in LIMIT_FACTS},
 }
 """Likewise for what the engine knows of a mission; what is not here decides nothing."""
