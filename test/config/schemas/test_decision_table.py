@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
+
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.config.schemas.sensors import TOPIC_NAME
 
 CAMERA = "components.camera"
 
@@ -121,7 +126,7 @@ def test_a_sensor_of_the_px4_is_never_restarted(mistake, policy, sensor):
         (
             {"topics": "{image raw: {rate_hz: 10.0}}"},
             f"7: {CAMERA}.topics.image raw: is not a good name; "
-            "must match [~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*",
+            "must match ([A-Za-z]|[~/][A-Za-z0-9_])[A-Za-z0-9_]*(/[A-Za-z0-9_]+)*",
         ),
         (
             {"node": "camera"},
@@ -131,6 +136,32 @@ def test_a_sensor_of_the_px4_is_never_restarted(mistake, policy, sensor):
 )
 def test_a_row_that_cannot_be_is_refused(mistake, changes, message):
     assert mistake("sensors.yaml", _component(**changes)) == f"sensors.yaml:{message}"
+
+
+LEGAL = ("/camera/0/image_raw", "/2d_lidar/scan", "/_image", "camera/0", "~image", "~0")
+ILLEGAL = ("", "/", "~", "0camera", "_image", "/camera/", "/camera//image", "//camera", "~/image", "/camera~", "/größe")
+
+
+@pytest.mark.parametrize("name", LEGAL)
+def test_a_topic_may_have_any_name_that_ros_allows(small, name):
+    (small / "sensors.yaml").write_text(_component(topics=f'{{"{name}": {{rate_hz: 10.0}}}}'))
+    assert [spec.topic for spec in load_configuration(small).components[0].topics] == [name]
+
+
+@pytest.mark.parametrize("name", ILLEGAL)
+def test_a_topic_has_no_name_that_ros_refuses_or_resolves_to_another(name):
+    assert re.fullmatch(TOPIC_NAME, name) is None
+
+
+def test_a_node_may_have_any_whole_name_that_ros_allows(small):
+    (small / "sensors.yaml").write_text(_component(node="/camera/0/_driver"))
+    assert load_configuration(small).components[0].node == "/camera/0/_driver"
+
+
+@pytest.mark.parametrize("node", ["camera/0", "~driver", "/", "/camera//driver", "/camera/"])
+def test_a_node_has_a_whole_name(mistake, node):
+    said = mistake("sensors.yaml", _component(node=f'"{node}"'))
+    assert said.endswith(f'{CAMERA}.node: is the text {node!r}; must be the name of a node, e.g. "/camera"')
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,13 @@ def test_what_comes_over_mavros_is_of_the_autopilot_and_flown_through_it(capsys,
     assert "landing_detection: no range finder" in said
 
 
+def test_a_topic_whose_name_begins_with_a_digit_somewhere_is_as_good_as_others(capsys, tmp_path):
+    raw = [(t, "/2d/0/imu", imu(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", raw))
+    assert status == 0, said
+    assert load_configuration(folder).state_estimation.imu_topic == "/2d/0/imu"
+
+
 def test_what_check_config_warns_of_is_said_at_once(capsys, tmp_path):
     raw = [(t, "/imu", imu(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
     once = [(START_NS, "/somebody/elses", magnetic(START_NS))]

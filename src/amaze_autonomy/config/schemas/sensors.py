@@ -29,13 +29,14 @@ from ..schema import Group, Key, Named, Row, bind, group_of
 
 
 COMPONENT_NAME = r"[a-z][a-z0-9_]{0,63}"
-TOPIC_NAME = r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*"
+_SEGMENTS = "[A-Za-z0-9_]*(/[A-Za-z0-9_]+)*"  # ROS asks for a letter at the very beginning alone, e.g. /camera/0
+TOPIC_NAME = f"([A-Za-z]|[~/][A-Za-z0-9_]){_SEGMENTS}"
 SEVERITY = Choice(tuple(severity.value for severity in Severity))
 NAME = Text("the name of a component of sensors.yaml", COMPONENT_NAME)
 TOPIC = Text('the name of a topic, e.g. "/lrf/range"', TOPIC_NAME)
 
 _SMALL = Number(above=0.0, below=1.0)
-_NODE = Text('the name of a node, e.g. "/camera"', "/" + TOPIC_NAME[len("[~/]?") :])
+_NODE = Text('the name of a node, e.g. "/camera"', f"/[A-Za-z0-9_]{_SEGMENTS}")
 _COMMAND = ListOf(
     Text("a text without control characters"), "program and arguments (no shell)", 0, example="[rosnode, kill, /camera]"
 )
