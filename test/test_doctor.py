@@ -77,6 +77,15 @@ def test_a_rate_that_is_another_is_proposed(shipped, healthy, fields, level, sai
     ]
 
 
+@pytest.mark.parametrize(
+    "rate_hz, said", [(1000.4, "1000"), (1234.5, "1230"), (99999.0, "100000"), (0.00312, "0.00312")]
+)
+def test_a_rate_is_proposed_as_the_configuration_takes_it(shipped, healthy, rate_hz, said):
+    (found,) = bad(shipped, changed(healthy, "/lrf/range", rate_hz=rate_hz))
+    assert found.said.startswith(f"/lrf/range of /driver comes at {said} Hz, expected are 20")
+    assert found.line == f"sensors.yaml, components.lrf.topics./lrf/range: rate_hz: {said}"
+
+
 def test_a_topic_that_is_silent_is_named_with_its_publisher(shipped, healthy):
     graph = changed(healthy, "/lsm9ds1/imu", rate_hz=None, count=0)
     assert bad(shipped, graph) == [Finding("wrong", "lsm9ds1_imu", "/lsm9ds1/imu of /driver is silent (0 messages)")]

@@ -178,14 +178,15 @@ def _watched(name: str, spec: TopicSpec, graph: Graph, known: Iterable[str]) -> 
     stamps = list(_stamps(name, spec.topic, seen))
     yield from stamps
     off = abs(seen.rate_hz - spec.rate_hz) / spec.rate_hz
-    said = f"{spec.topic} of {who} comes at {seen.rate_hz:.3g} Hz, expected are {spec.rate_hz:g}"
-    line = f"{key}.{spec.topic}: rate_hz: {seen.rate_hz:.3g}"
+    rate_hz = f"{float(f'{seen.rate_hz:.3g}'):g}"  # 1000, not 1e+03, which is no number in YAML
+    said = f"{spec.topic} of {who} comes at {rate_hz} Hz, expected are {spec.rate_hz:g}"
+    line = f"{key}.{spec.topic}: rate_hz: {rate_hz}"
     if seen.rate_hz < spec.rate_failed_fraction * spec.rate_hz:
         yield Finding(WRONG, name, f"{said}: it would count as failed", line)
     elif off > spec.tolerance_fraction:
         yield Finding(WARNING, name, f"{said}: it would count as off its rate", line)
     elif not stamps:
-        yield Finding(GOOD, name, f"{spec.topic} of {who} comes at {seen.rate_hz:.3g} Hz")
+        yield Finding(GOOD, name, f"{spec.topic} of {who} comes at {rate_hz} Hz")
 
 
 def _stamps(name: str, topic: str, seen: SeenTopic) -> Iterator[Finding]:
