@@ -91,6 +91,56 @@ def test_a_topic_that_is_silent_is_named_with_its_publisher(shipped, healthy):
     assert bad(shipped, graph) == [Finding("wrong", "lsm9ds1_imu", "/lsm9ds1/imu of /driver is silent (0 messages)")]
 
 
+def slowed(shipped, rate_hz, age_limit_s, tolerance_fraction=0.2):
+    """Return a configuration whose range finder is slow."""
+
+    def row(spec):
+        values = {"rate_hz": rate_hz, "age_limit_ns": int(age_limit_s * 1e9), "tolerance_fraction": tolerance_fraction}
+        return replace(spec, **values, rate_failed_fraction=0.05) if spec.topic == "/lrf/range" else spec
+
+    rows = tuple(replace(each, topics=tuple(map(row, each.topics))) for each in shipped.components)
+    return replace(shipped, components=rows)
+
+
+@pytest.mark.parametrize(
+    "rate_hz, tolerance_fraction, listened_s, count, longer_s",
+    [
+        (0.1, 0.2, 10.0, 1, 30),
+        (0.1, 0.2, 10.0, 0, 30),
+        (0.1, 0.2, 24.0, 1, 30),
+        (0.2, 0.2, 10.0, 1, 20),  # two are expected; one that is a little slow, as it may be, comes once
+        (0.4, 0.2, 2.0, 1, 10),
+        (0.001, 0.9, 10.0, 0, 20000),
+    ],
+)
+def test_a_topic_too_slow_for_the_time_listened_is_not_called_silent(
+    shipped, healthy, rate_hz, tolerance_fraction, listened_s, count, longer_s
+):
+    slow = slowed(shipped, rate_hz, 5.0 / rate_hz, tolerance_fraction)
+    graph = replace(changed(healthy, "/lrf/range", rate_hz=None, count=count), listened_s=listened_s)
+    said = f"/lrf/range of /driver is too slow to judge in {listened_s:g} s ({count} messages)"
+    (found,) = [each for each in bad(slow, graph) if each.about == "lrf"]
+    assert found == Finding("warning", "lrf", said, f"listen for longer: --for {longer_s}")
+
+
+@pytest.mark.parametrize(
+    "rate_hz, tolerance_fraction, age_limit_s, listened_s, count",
+    [
+        (0.1, 0.2, 50.0, 25.0, 1),
+        (0.3, 0.2, 10.0, 10.0, 0),
+        (0.1, 0.2, 30.0, 60.0, 0),
+        (0.5, 0.9, 9.9, 10.0, 0),  # of two messages nothing is known yet; silent for as long it has failed
+    ],
+)
+def test_a_slow_topic_that_was_listened_to_for_long_enough_is_silent(
+    shipped, healthy, rate_hz, tolerance_fraction, age_limit_s, listened_s, count
+):
+    slow = slowed(shipped, rate_hz, age_limit_s, tolerance_fraction)
+    graph = replace(changed(healthy, "/lrf/range", rate_hz=None, count=count), listened_s=listened_s)
+    (found,) = [each for each in bad(slow, graph) if each.about == "lrf"]
+    assert found == Finding("wrong", "lrf", f"/lrf/range of /driver is silent ({count} messages)")
+
+
 def test_a_topic_under_another_name_is_proposed(shipped, healthy):
     topics = dict(healthy.topics)
     topics["/lidar/range"] = topics.pop("/lrf/range")

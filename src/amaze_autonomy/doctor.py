@@ -12,6 +12,7 @@ import enum
 import shutil
 import subprocess
 from dataclasses import dataclass, field
+from math import ceil
 from pathlib import Path
 from typing import Dict, FrozenSet, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
@@ -91,6 +92,7 @@ class Graph:
         listeners: nodes that listen to a topic, by its name.
         offered: names of all services.
         md5s: of types as they are on this computer, of those that were seen and are here.
+        listened_s: for so long was listened to each topic.
     """
 
     topics: Mapping[str, SeenTopic]
@@ -103,6 +105,7 @@ class Graph:
     listeners: Mapping[str, Tuple[str, ...]] = field(default_factory=dict)
     offered: FrozenSet[str] = frozenset()
     md5s: Mapping[str, str] = field(default_factory=dict)
+    listened_s: float = 10.0
 
     def resolved(self, name: str) -> str:
         """Return the name that a name of the configuration has in the graph."""
@@ -173,7 +176,7 @@ def _watched(name: str, spec: TopicSpec, graph: Graph, known: Iterable[str]) -> 
         return
     who = ", ".join(seen.nodes)
     if seen.rate_hz is None:
-        yield Finding(WRONG, name, f"{spec.topic} of {who} is silent ({seen.count} messages)")
+        yield _too_few(name, spec, seen, graph.listened_s)
         return
     stamps = list(_stamps(name, spec.topic, seen))
     yield from stamps
@@ -187,6 +190,17 @@ def _watched(name: str, spec: TopicSpec, graph: Graph, known: Iterable[str]) -> 
         yield Finding(WARNING, name, f"{said}: it would count as off its rate", line)
     elif not stamps:
         yield Finding(GOOD, name, f"{spec.topic} of {who} comes at {rate_hz} Hz")
+
+
+def _too_few(name: str, spec: TopicSpec, seen: SeenTopic, listened_s: float) -> Finding:
+    """Say of a topic without two messages that it is silent, or that two could not be expected yet."""
+    whose, heard = f"{spec.topic} of {', '.join(seen.nodes)}", f"({seen.count} messages)"
+    needed_s = 2.0 / (spec.rate_hz * (1.0 - spec.tolerance_fraction))
+    failed = seen.count == 0 and listened_s * _S > spec.silence_limit_ns
+    if failed or listened_s >= needed_s:
+        return Finding(WRONG, name, f"{whose} is silent {heard}")
+    line = f"listen for longer: --for {10 * ceil(round(needed_s / 10, 3))}"
+    return Finding(WARNING, name, f"{whose} is too slow to judge in {listened_s:g} s {heard}", line)
 
 
 def _stamps(name: str, topic: str, seen: SeenTopic) -> Iterator[Finding]:

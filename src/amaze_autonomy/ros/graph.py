@@ -200,6 +200,7 @@ def look(for_s: float, services: Sequence[str]) -> Graph:
             **_md5s(roslib.message.get_message_class, (kind for each in topics.values() for kind in each.kinds)),
             **_md5s(roslib.message.get_service_class, (each.kind for each in found.values())),
         },
+        listened_s=for_s,
     )
 
 
