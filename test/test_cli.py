@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 
 import pytest
 
@@ -186,8 +187,22 @@ def test_wrong_use_is_status_2(capsys, arguments):
     assert "usage: amaze-autonomy" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("arguments", [["propose-config", "--live"], ["doctor"]])
+def test_without_ros_a_command_that_looks_at_the_graph_says_so(capsys, monkeypatch, tmp_path, arguments):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "amaze_autonomy.ros.graph", raising=False)
+    for name in ("genpy", "rosgraph", "rospy"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert main(arguments) == 3
+    out, err = capsys.readouterr()
+    assert (out, list(tmp_path.iterdir())) == ("", [])
+    assert err.startswith(f"{arguments[0]}: there is no ROS here (import of ")
+    assert err.endswith("): source its setup.bash\n")
+
+
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["check-config", "--help"], ["missions", "--help"], ["docs", "--help"]]
+    "arguments",
+    [["--help"], ["check-config", "--help"], ["missions", "--help"], ["docs", "--help"], ["propose-config", "--help"]],
 )
 def test_help_has_examples_and_the_exit_status(capsys, arguments):
     with pytest.raises(SystemExit) as caught:

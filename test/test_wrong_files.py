@@ -91,11 +91,12 @@ def test_a_wrong_file_is_one_line(capsys, name, file):
     assert len(err.splitlines()) == (IN_A_TABLE.get(verb, 1) if there else 1), err
 
 
-def test_a_configuration_is_not_compared_with_a_graph_that_is_not_there(capsys):
+@pytest.mark.parametrize("command", [("doctor",), ("propose-config", "--live")])
+def test_nothing_is_said_of_a_graph_that_is_not_there(capsys, command):
     pytest.importorskip("rospy", reason="without ROS that is what is said")
-    assert cli.main(["doctor", "--for", "0.1"]) == 3
+    assert cli.main([*command, "--for", "0.1"]) == 3
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == "doctor: no ROS master answers at http://localhost:1: start it, or set ROS_MASTER_URI"
+    assert line == f"{command[0]}: no ROS master answers at http://localhost:1: start it, or set ROS_MASTER_URI"
 
 
 def test_a_first_configuration_needs_something_to_look_at(capsys):

@@ -17,6 +17,7 @@ OK, WRONG, USAGE, NOBODY = 0, 1, 2, 3
 _RAW = argparse.RawDescriptionHelpFormatter
 _FOR = "seconds to listen for (default: 10)"
 _LONGEST_S = 86400.0
+_NO_ROS = "there is no ROS here ({}): source its setup.bash"
 _DESCRIPTION = "Autonomy engine for multicopters with a PX4 autopilot: the commands that need no ROS."
 _STATUSES = """\
 exit status:
@@ -60,6 +61,12 @@ examples:
   amaze-autonomy propose-config flight.bag --output ~/flight/config
   amaze-autonomy propose-config --live --for 20     of the graph that runs now
   amaze-autonomy check-config ~/flight/config
+
+exit status:
+  0  good
+  1  nothing can be proposed of it, or what was written has a mistake
+  2  wrong use of the command
+  3  with --live: there is no ROS master to ask, or no ROS here
 """
 _DOCTOR_EXAMPLES = """\
 examples:
@@ -131,7 +138,9 @@ def _parser() -> argparse.ArgumentParser:
     doctor.set_defaults(command=_doctor)
 
     words = "write a first configuration of what a recording, or the graph that runs now, shows"
-    first = commands.add_parser("propose-config", help=words, description=words, **_layout(_PROPOSE_EXAMPLES))
+    first = commands.add_parser(
+        "propose-config", help=words, description=words, epilog=_PROPOSE_EXAMPLES, formatter_class=_RAW
+    )
     first.add_argument("recordings", nargs="*", type=Path, metavar="BAG", help="of one flight, or at rest")
     first.add_argument("--live", action="store_true", help="listen to every topic of the running graph instead")
     first.add_argument("--for", type=_seconds, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
@@ -315,12 +324,14 @@ def _propose_config(options: argparse.Namespace) -> int:
 
     try:
         if options.live:
-            from .ros.graph import GraphError, listen  # noqa: PLC0415 (it needs ROS)
-
+            try:
+                from .ros.graph import GraphError, listen  # noqa: PLC0415 (it needs ROS)
+            except ImportError as error:
+                return say_wrong("propose-config", _NO_ROS.format(error), NOBODY)
             try:
                 proposal = propose_of([listen(options.for_s)], [Path("the running graph")])
             except GraphError as error:
-                return say_wrong("propose-config", str(error), WRONG)
+                return say_wrong("propose-config", str(error), NOBODY)
         else:
             proposal = propose(options.recordings, options.memory)
             for problem in proposal.problems:
@@ -359,7 +370,7 @@ def _doctor(options: argparse.Namespace) -> int:
     try:
         from .ros.graph import GraphError, look  # noqa: PLC0415 (it needs ROS)
     except ImportError as error:
-        return say_wrong("doctor", f"there is no ROS here ({error}): source its setup.bash", NOBODY)
+        return say_wrong("doctor", _NO_ROS.format(error), NOBODY)
     try:
         graph = look(options.for_s, [row.name for row in wanted(configuration, arrangement) if row.way is Way.OFFERED])
     except GraphError as error:
