@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import pytest
 import yaml
-from replay_bags import START_NS, S, header, imu, magnetic, make, write_bag
+from replay_bags import START_NS, S, distance, header, imu, magnetic, make, write_bag
 
 from amaze_autonomy import cli
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
+from amaze_autonomy.replay.maps.topic_map import load_map
 
 
 def proposed(capsys, tmp_path, *bags):
@@ -59,6 +61,48 @@ def test_a_topic_whose_name_begins_with_a_digit_somewhere_is_as_good_as_others(c
     status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", raw))
     assert status == 0, said
     assert load_configuration(folder).state_estimation.imu_topic == "/2d/0/imu"
+
+
+def with_imu(rows):
+    more = [(t, "/imu", imu(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
+    return sorted((*rows, *more), key=lambda row: row[0])
+
+
+def slow_range(tmp_path, rate_hz, count=12):
+    """Return a recording, at rest, with a range finder of this rate."""
+    times = [START_NS + round(step / rate_hz * S) for step in range(count)]
+    return write_bag(tmp_path / "slow.bag", with_imu([(t, "/range", distance(t, 0.1)) for t in times]))
+
+
+@pytest.mark.parametrize(
+    "rate_hz, window_s, age_limit_s",
+    [(2.0, 1.5, 2.0), (1.0, 1.5, 4.0), (0.5, 1.5, 5.0), (0.1, 1.5, 5.0), (0.006, 1.5, 5.0)],
+)
+def test_a_range_finder_too_slow_to_land_by_is_told_and_the_configuration_is_good(
+    capsys, tmp_path, rate_hz, window_s, age_limit_s
+):
+    status, said, folder = proposed(capsys, tmp_path, slow_range(tmp_path, rate_hz))
+    assert status == 0, said
+    landing = load_configuration(folder).effective["sensors"]["landing_detection"]
+    assert (landing["window_s"], landing["age_limit_s"]) == (window_s, age_limit_s)
+    told = f"found: /range comes at {rate_hz:g} Hz, too slow to land by: take a faster one for landing_detection"
+    assert told in (folder / "propose.txt").read_text().splitlines()
+    assert told.replace("found: ", "#   ") in (folder / "map.yaml").read_text().splitlines()
+    assert load_map(str(folder / "map.yaml")).landing["window_ns"] == window_s * S
+
+
+def test_a_range_finder_that_is_fast_enough_is_not_called_slow(capsys, tmp_path):
+    status, said, folder = proposed(capsys, tmp_path, slow_range(tmp_path, 4.0))
+    assert status == 0, said
+    assert load_configuration(folder).effective["sensors"]["landing_detection"]["window_s"] == 1.0
+    assert "too slow" not in said
+
+
+def test_an_estimate_slower_than_any_that_is_checked_is_a_good_configuration(capsys, tmp_path):
+    rows = [(t, "/vio/pose", _pose(t)) for t in range(START_NS, START_NS + 200 * S, 20 * S)]
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", with_imu(rows)))
+    assert status == 0, said
+    assert load_configuration(folder).state_estimation.rate_hz == 0.1
 
 
 def test_what_check_config_warns_of_is_said_at_once(capsys, tmp_path):
