@@ -512,6 +512,26 @@ def test_a_computer_that_is_ready(host):
     assert found["time"].said == "chrony keeps it, +1.0 ms off"
 
 
+@pytest.mark.parametrize("folder", ["~nobody_of_this_name/recordings", "~/recordings"])
+def test_a_folder_in_a_home_that_is_not_known_is_wrong(monkeypatch, shipped, folder):
+    monkeypatch.setattr(Path, "expanduser", without_a_home)
+    recording = replace(shipped.recording, folder=folder, platforms=shipped.recording.platforms[:1])
+    found = {each.about: each for each in examine_host(replace(shipped, recording=recording), "main")}
+    assert found["storage"] == Finding(
+        "wrong", "storage", f"{folder} cannot be looked at", "recording.yaml: folder: one that can"
+    )
+
+
+def without_a_home(path):
+    raise RuntimeError(f"Could not determine home directory of {path}")
+
+
+def test_a_key_in_a_home_that_is_not_known_is_left_to_ssh(host):
+    host(key="~nobody_of_this_name/far")
+    (command,) = [each for each in host.asked if each[0] == "ssh"]
+    assert command[command.index("-i") + 1] == "~nobody_of_this_name/far"
+
+
 def test_a_key_that_does_not_open_is_named(host):
     assert host(ssh=(255, "Permission denied (publickey)."))["second"] == Finding(
         "wrong",

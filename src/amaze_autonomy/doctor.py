@@ -13,7 +13,6 @@ import shutil
 import subprocess
 from dataclasses import dataclass, field
 from math import ceil
-from pathlib import Path
 from typing import Dict, FrozenSet, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from .autopilot.mavros.messages import STATE, sources_of
@@ -25,6 +24,7 @@ from .interface import SERVICES, STATUSES
 from .missions import Frame
 from .monitoring.initialisation import InitialisationType
 from .monitoring.specs import EstimateSource, RangeSource, TopicSpec
+from .paths import expanded
 from .recording.storage import needed_bytes, space_of, too_little
 
 GOOD, WARNING, WRONG = "good", "warning", "wrong"
@@ -495,8 +495,8 @@ def examine_host(configuration: Configuration, platform: str) -> Tuple[Finding, 
 
 def _storage(configuration: Configuration, platform: str) -> Iterator[Finding]:
     recording = configuration.recording
-    folder = Path(recording.folder).expanduser()
-    space = space_of(folder)
+    folder = expanded(recording.folder)
+    space = space_of(folder) if folder.is_absolute() else None
     if space is None:
         yield Finding(WRONG, "storage", f"{folder} cannot be looked at", "recording.yaml: folder: one that can")
         return
@@ -514,7 +514,7 @@ def _ssh(configuration: Configuration) -> Iterator[Finding]:
             continue
         command = ["ssh", "-oBatchMode=yes", "-oConnectTimeout=5", "-p", str(transfer.ssh_port)]
         if transfer.ssh_key:  # with that key alone, as the recorder does
-            command += ["-oIdentitiesOnly=yes", "-i", str(Path(transfer.ssh_key).expanduser())]
+            command += ["-oIdentitiesOnly=yes", "-i", str(expanded(transfer.ssh_key))]
         status, said = _run((*command, "--", transfer.host, "true"))
         if status == 0:
             yield Finding(GOOD, platform.name, f"ssh opens {transfer.host}")

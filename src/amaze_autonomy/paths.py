@@ -23,3 +23,11 @@ def config_folder() -> Path:
             return installed
     message = f"no config folder of amaze_autonomy above {__file__}: reinstall the package"
     raise FileNotFoundError(message)
+
+
+def expanded(place: str) -> Path:
+    """Return a path with the home in the place of its ~; as it stands where that home is not known."""
+    try:
+        return Path(place).expanduser()
+    except (KeyError, RuntimeError):  # no user of that name; or a user without a home, and no HOME
+        return Path(place)

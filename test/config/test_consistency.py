@@ -152,6 +152,25 @@ def test_a_flight_longer_than_the_limit_of_all_flights_is_refused(mistake, small
 
 
 @pytest.mark.parametrize(
+    "folder", ["recordings", "./recordings", "~somebody/recordings", '"~"', '""', '" /recordings"']
+)
+def test_recordings_are_in_the_same_folder_for_whoever_looks(mistake, small_file, folder):
+    text = small_file("recording.yaml").replace("~/recordings", folder)
+    plain = folder.strip('"')
+    assert mistake("recording.yaml", text) == (
+        f"recording.yaml:1: folder: is the text {plain!r}; "
+        'must be a whole path of a folder, or one in the home, e.g. "~/recordings"'
+    )
+
+
+@pytest.mark.parametrize("folder", ["/recordings", "~/recordings", "/media/Käfer & Söhne"])
+def test_recordings_are_in_a_whole_path_or_in_the_home(small, small_file, folder):
+    text = small_file("recording.yaml").replace("~/recordings", folder)
+    (small / "recording.yaml").write_text(text, encoding="utf-8")
+    assert load_configuration(small).recording.folder == folder
+
+
+@pytest.mark.parametrize(
     "old, new, message",
     [
         ("collector: main", "collector: man", "2: collector: man is not a platform; did you mean main?"),

@@ -15,6 +15,7 @@ pytest.importorskip("rospy")
 import rospy
 from launched import launched
 
+from amaze_autonomy.config import ConfigError, load_configuration
 from amaze_autonomy.monitoring.restart import why_kept
 from amaze_autonomy.ros import node_main
 from amaze_autonomy.ros.arguments import (
@@ -77,6 +78,12 @@ def test_what_is_given_is_read_of_the_command_line(monkeypatch):
     assert overrides() == ("a.b=1", "c.d=2")
     sys.argv += ["--require-go", "True"]
     assert overrides() == ("a.b=1", "c.d=2", "autonomy.require_go=true")
+
+
+def test_a_folder_in_a_home_that_nobody_has_is_a_folder_that_is_not_there(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["watchdog", "--config", "~nobody_of_this_name/config"])
+    with pytest.raises(ConfigError, match="~nobody_of_this_name/config: "):
+        load_configuration(configuration_folder())
 
 
 # --- parameters -------------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -15,6 +16,7 @@ from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.monitoring.battery import BatterySpec
 from amaze_autonomy.nodes.vehicle.vehicle_link import make_link
 from amaze_autonomy.ros.clock import MonotonicClock, SimulatedClock
+from amaze_autonomy.ros.errors import StartError
 
 S = 1_000_000_000
 
@@ -123,6 +125,13 @@ def test_a_process_that_was_stopped_does_not_take_itself_for_a_clock_that_stands
     wall.ns += 30 * S
     assert wall.clock.now_ns() == 101 * S
     assert wall.clock.stalled_s() == 0.0
+
+
+def test_a_key_in_a_home_that_nobody_has_is_a_key_that_is_not_there():
+    client = AutopilotClient(AutopilotSettings(), BatterySpec(cells=4), lambda: (1, 1))
+    link = replace(client.settings.link, key_file="~nobody_of_this_name/key")
+    with pytest.raises(StartError, match=r"^~nobody_of_this_name/key: "):
+        make_link(client.settings, link, client, (), Wall().clock)
 
 
 def test_a_landing_is_sent_again_while_the_clock_stands():

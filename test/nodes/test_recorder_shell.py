@@ -33,7 +33,7 @@ from amaze_autonomy.nodes.recorder.flight_pages import FlightPages
 from amaze_autonomy.nodes.recorder.node import AbsentPlatform, DataRecorderNode, RecorderMemory, make_recorder
 from amaze_autonomy.nodes.recorder.platform import CpuLoad, RecorderPlatform, processor_ticks
 from amaze_autonomy.nodes.recorder.processes import DiskSync, Subscriptions
-from amaze_autonomy.nodes.recorder.settings import RecorderShare
+from amaze_autonomy.nodes.recorder.settings import RecorderShare, recordings_folder
 from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, ProcessStatus, Status
@@ -615,6 +615,15 @@ def test_a_platform_that_there_is_not_is_a_mistake_of_who_starts_its_recorder(pa
     with pytest.raises(StartError) as caught:
         make_recorder(load_configuration(config_folder()), SimpleNamespace(ros_ns=lambda: 0))
     assert str(caught.value) == "~platform is 'third', recording.yaml has main, second"
+
+
+def test_recordings_in_a_home_that_nobody_has_are_refused_and_no_folder_of_that_name_is_made(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["data_recorder", "--folder", "~nobody_of_this_name/rec"])
+    with pytest.raises(StartError) as caught:
+        recordings_folder(load_configuration(config_folder()))
+    said = "~nobody_of_this_name/rec: there is no such home; name another one with --folder"
+    assert (str(caught.value), list(tmp_path.iterdir())) == (said, [])
 
 
 @pytest.mark.usefixtures("parameters")

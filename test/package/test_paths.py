@@ -19,6 +19,13 @@ def config_folder_seen_from(module: Path) -> subprocess.CompletedProcess:
     )
 
 
+def test_a_path_in_the_home_is_whole_and_one_in_a_home_that_nobody_has_stays(monkeypatch):
+    monkeypatch.setenv("HOME", "/home/somebody")
+    assert paths.expanded("~/recordings") == Path("/home/somebody/recordings")
+    assert paths.expanded("/a/~b") == Path("/a/~b")
+    assert paths.expanded("~nobody_of_this_name/recordings") == Path("~nobody_of_this_name/recordings")
+
+
 @pytest.fixture
 def tree(tmp_path):
     """Make a folder with the module as `module` and the configuration as `config`, both relative to it."""

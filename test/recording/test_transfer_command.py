@@ -68,6 +68,8 @@ def test_what_rsync_fetches_is_for_user_and_group_whoever_may_read_it_there(tmp_
 def test_from_a_mounted_folder():
     assert transfer_command(Transfer("shared"), "/rec/s/second", TARGET, NAMES)[-2:] == ["/rec/s/second/", "/here/"]
     assert transfer_command(Transfer("shared", mount="/mnt"), "/rec/s/second", TARGET, NAMES)[-2] == "/mnt/s/second/"
+    nowhere = Transfer("shared", mount="~nobody_of_this_name/mnt")
+    assert transfer_command(nowhere, "/rec/s/second", TARGET, NAMES)[-2] == "~nobody_of_this_name/mnt/s/second/"
 
 
 HERE = Path("/here/s1_m/second")

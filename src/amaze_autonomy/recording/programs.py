@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import List, Optional, Sequence
 
 from amaze_autonomy.config.schemas.recording import Storage, TopicGroup, Transfer
+from amaze_autonomy.paths import expanded
 from amaze_autonomy.units import SECOND
 
 # --- rosbag's recorder ------------------------------------------------------------------------------------------------
@@ -158,7 +159,7 @@ def mounted(transfer: Transfer, location: str) -> str:
     """Return where a platform's part lies on this computer, when the recordings of that one are mounted here."""
     if not transfer.mount:
         return location
-    return str(Path(transfer.mount).expanduser() / Path(location).parent.name / Path(location).name)
+    return str(expanded(transfer.mount) / Path(location).parent.name / Path(location).name)
 
 
 def _ssh(transfer: Transfer, stall_s: int) -> str:
@@ -166,7 +167,7 @@ def _ssh(transfer: Transfer, stall_s: int) -> str:
     words = ["ssh", "-p", str(transfer.ssh_port), "-oBatchMode=yes", f"-oConnectTimeout={stall_s}"]
     words += ["-oServerAliveInterval=2", f"-oServerAliveCountMax={max(1, stall_s // 2)}", "-oClearAllForwardings=yes"]
     if transfer.ssh_key:
-        words += ["-oIdentitiesOnly=yes", "-i", str(Path(transfer.ssh_key).expanduser())]
+        words += ["-oIdentitiesOnly=yes", "-i", str(expanded(transfer.ssh_key))]
     return " ".join(map(_quoted, words))
 
 

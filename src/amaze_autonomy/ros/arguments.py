@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
-from amaze_autonomy.paths import config_folder
+from amaze_autonomy.paths import config_folder, expanded
 
 from .errors import StartError
 
@@ -126,7 +126,7 @@ def answer_words(name: str, *about: Optional[str], places: Sequence[str] = ()) -
 def configuration_folder() -> Path:
     """Return the folder that --config names, or the one that ships with the package."""
     config = given("config")
-    return Path(config).expanduser() if config else config_folder()
+    return expanded(config) if config else config_folder()
 
 
 def overrides() -> Tuple[str, ...]:

@@ -217,7 +217,7 @@ _PLATFORM = Group(
         ),
     ),
 )
-_FOLDER = Text('a folder, e.g. "~/recordings"', r"[^\x00-\x1f\x7f]+")
+_FOLDER = Text('a whole path of a folder, or one in the home, e.g. "~/recordings"', r"~?/[^\x00-\x1f\x7f]*")
 
 RECORDING = Group(
     "the recording",

@@ -11,6 +11,7 @@ import rospy
 
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.config.schemas.recording import Transfer
+from amaze_autonomy.paths import expanded
 from amaze_autonomy.recording import Answer, CollectorSetup, GroupSetup, PlatformSetup
 from amaze_autonomy.recording.storage import reserve_bytes
 from amaze_autonomy.ros.clock import MonotonicClock, Workers
@@ -42,7 +43,9 @@ def recordings_folder(configuration: Configuration) -> Path:
     Raises:
         StartError: It cannot be made.
     """
-    folder = Path(given("folder") or configuration.recording.folder).expanduser()
+    folder = expanded(given("folder") or configuration.recording.folder)
+    if str(folder).startswith("~"):
+        raise StartError(f"{folder}: there is no such home; name another one with --folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

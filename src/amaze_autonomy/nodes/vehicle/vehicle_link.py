@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Callable, Iterable, Protocol, Sequence, Tuple, TypeVar
 
@@ -12,6 +11,7 @@ import rospy
 from amaze_autonomy.autopilot import AutopilotError, Client, Connection, Identity, LinkState, read_key
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.config.schemas.autopilot import LinkSettings
+from amaze_autonomy.paths import expanded
 from amaze_autonomy.ros.clock import Clock
 
 from ...autopilot.link.dialect import Message, mavlink
@@ -93,7 +93,7 @@ def make_link(
             from .mavros_link import MavrosLink  # noqa: PLC0415 - mavros_msgs is needed by nobody else
 
             return MavrosLink(settings.mavros, client, wanted, clock.now_ns, rospy.logerr)
-        key_file = Path(link.key_file).expanduser() if link.key_file else None
+        key_file = expanded(link.key_file) if link.key_file else None
         stamps = key_file.with_name(f"{key_file.name}.{link.component_id}.stamp") if key_file else None
         return Connection(
             link.url,
