@@ -49,6 +49,25 @@ def test_a_mission_by_set_points_has_what_follows_their_loss_compared():
             "that speaks has its own",
         ),
         (
+            "link:\n  vehicle_id: 2\n",
+            "autopilot.yaml:1: planner_link.vehicle_id: is 1, and link.vehicle_id is 2; must be the same: the mission "
+            "planner would arm and fly another vehicle than the one that is checked and landed",
+        ),
+        (
+            "link: {vehicle_id: 0}\nplanner_link: {vehicle_id: 0}\n",
+            "autopilot.yaml:1: link.vehicle_id: is 0; must be a whole number, 1 to 255",
+        ),
+        (
+            "planner_link:\n  component_id: 1\n",
+            "autopilot.yaml:2: planner_link.component_id: is 1; must be another one: system 1, component 1 is the "
+            "address of the vehicle's autopilot",
+        ),
+        (
+            "link:\n  component_id: 1\n  system_id: 3\n  vehicle_id: 3\nplanner_link:\n  vehicle_id: 3\n",
+            "autopilot.yaml:2: link.component_id: is 1; must be another one: system 3, component 1 is the address of "
+            "the vehicle's autopilot",
+        ),
+        (
             "link:\n  key_file: /a.key\n",
             "autopilot.yaml:2: link.key_file: is '/a.key', and planner_link.key_file is empty; must be named in both "
             "or in none: a vehicle that signs hears nobody who does not",
@@ -80,3 +99,11 @@ def test_what_cannot_be_is_refused_with_its_line(mistake, text, message):
 def test_a_rate_of_set_points_that_would_not_be_kept_is_refused(rate_hz, good):
     with nullcontext() if good else pytest.raises(ConfigError, match="setpoint_rate_hz"):
         load_configuration(paths.config_folder(), [f"missions.planner.setpoint_rate_hz={rate_hz}"])
+
+
+def test_another_vehicle_is_named_in_both_links_and_component_1_is_free_on_another_system(small):
+    (small / "autopilot.yaml").write_text(
+        "link: {vehicle_id: 2, system_id: 1, component_id: 1}\nplanner_link: {vehicle_id: 2}\n"
+    )
+    autopilot = load_configuration(small).autopilot
+    assert autopilot.link.vehicle_id == autopilot.planner_link.vehicle_id == 2

@@ -21,7 +21,7 @@ class LinkSettings:
         url: connection URL.
         system_id: own system id.
         component_id: own component id.
-        vehicle_id: system id of the vehicle; 0: the first that is heard.
+        vehicle_id: system id of the vehicle, the same in both links.
         key_file: with the signing key; empty: unsigned.
         ground_station: whether it announces itself as a ground station.
     """
@@ -176,7 +176,7 @@ _LINK_ROWS: Tuple[Row, ...] = (
     ("url", Text('a connection URL, e.g. "udpin:127.0.0.1:14540" or "serial:/dev/ttyACM0:921600"', r"(serial|udp|udpin|udpout|tcp|tcpin):[^\x00-\x20\x7f]+"), "where the vehicle is", "as MAVLink people write it; docs/autopilot.md"),
     ("system_id", Whole(1, 255), "own system id", "by convention that of the vehicle"),
     ("component_id", Whole(1, 255), "own component id", "another for each node that speaks on a link"),
-    ("vehicle_id", Whole(0, 255), "system id of the vehicle; 0: the first that is heard", "several vehicles may share a radio"),
+    ("vehicle_id", Whole(1, 255), "system id of the vehicle, the same in both links", "several vehicles may share a radio: the one that is checked is the one that flies"),
     ("key_file", Text("a file", r"[^\x00-\x1f\x7f]*"), "with the key for signing; empty: nothing is signed or verified", "chmod 600; the time stamp of signatures is kept beside it"),
     ("ground_station", Flag(), "announce itself as a ground station", "PX4 withholds its texts on a link where it hears none, but then also misses no lost ground station"),
 )
@@ -280,11 +280,12 @@ AUTOPILOT = Group(
 )
 
 
+_AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 _OWNED = ("serial:", "udp:", "udpin:", "tcpin:")  # what one process alone can have
 
 
 def _check_links(values: Mapping[str, Any], places: Places) -> None:
-    """Refuse two links that cannot both be: on one endpoint, with one address, or one of them signed alone.
+    """Refuse two links that cannot both be: on one endpoint, with one address, to two vehicles, or one signed alone.
 
     Raises:
         ConfigError: they are.
@@ -297,6 +298,15 @@ def _check_links(values: Mapping[str, Any], places: Places) -> None:
     if all(planner[name] == link[name] for name in names):
         right = "must be another one: each node that speaks has its own"
         refuse_at(("planner_link", "component_id"), places, f"is {link['component_id']}, as link.component_id", right)
+    if planner["vehicle_id"] != link["vehicle_id"]:
+        wrong = f"is {planner['vehicle_id']}, and link.vehicle_id is {link['vehicle_id']}"
+        right = "must be the same: the mission planner would arm and fly another vehicle than the one that is checked"
+        refuse_at(("planner_link", "vehicle_id"), places, wrong, f"{right} and landed")
+    for name, own in (("link", link), ("planner_link", planner)):
+        if (own["system_id"], own["component_id"]) == (own["vehicle_id"], _AUTOPILOT_COMPONENT):
+            address = f"system {own['system_id']}, component {own['component_id']}"
+            right = f"must be another one: {address} is the address of the vehicle's autopilot"
+            refuse_at((name, "component_id"), places, f"is {own['component_id']}", right)
     if bool(planner["key_file"]) != bool(link["key_file"]):
         right = "must be named in both or in none: a vehicle that signs hears nobody who does not"
         named, other = ("link", "planner_link") if link["key_file"] else ("planner_link", "link")
