@@ -8,7 +8,9 @@ from dataclasses import replace
 import pytest
 
 from amaze_autonomy import paths
+from amaze_autonomy.autopilot.vehicle.client import ASKED_FOR
 from amaze_autonomy.config import AutopilotSettings, ConfigError, load_configuration
+from amaze_autonomy.config.schemas.autopilot import JUDGED_RATES
 
 
 def test_the_shipped_file_says_the_defaults_and_the_parameters_that_matter():
@@ -82,6 +84,31 @@ def test_a_mission_by_set_points_has_what_follows_their_loss_compared():
             "autopilot.yaml:1: backend: is the text 'ros2'; must be one of mavlink, mavros; did you mean mavros?",
         ),
         (
+            "land_switch: {channel: 7}\nrates_hz:\n  RC_CHANNELS: 1\n",
+            "autopilot.yaml:3: rates_hz.RC_CHANNELS: is 1; must be at least 2, two periods within "
+            "land_switch.age_limit_s (1): else it is old between two",
+        ),
+        (
+            "land_switch: {channel: 7}\nrates_hz: {RC_CHANNELS: 0}\n",
+            "autopilot.yaml:2: rates_hz.RC_CHANNELS: is 0; must be above 0, or left out: land_switch has a channel, "
+            "and would never say land",
+        ),
+        (
+            "land_switch:\n  channel: 7\n  age_limit_s: 0.1\n",
+            "autopilot.yaml:3: land_switch.age_limit_s: is 0.1; must be at least 0.2, two periods of RC_CHANNELS, "
+            "asked for at 10 Hz: else it is old between two",
+        ),
+        (
+            "land_switch: {above_us: 2000}\n",
+            "autopilot.yaml:1: land_switch.above_us: is 2000; must be a number at least 900 and at most 1950, in "
+            "microseconds",
+        ),
+        (
+            "rates_hz: {LOCAL_POSITION_NED: 2}\n",
+            "autopilot.yaml:1: rates_hz.LOCAL_POSITION_NED: is 2; must be at least 2.86, two periods within "
+            "limits.speed_age_limit_s (0.7): else it is old between two",
+        ),
+        (
             "rates_hz: {HEARTBEAT: -0.1}\n",
             "autopilot.yaml:1: rates_hz.HEARTBEAT: is -0.1; must be a number at least 0 and at most 50",
         ),
@@ -107,3 +134,29 @@ def test_another_vehicle_is_named_in_both_links_and_component_1_is_free_on_anoth
     )
     autopilot = load_configuration(small).autopilot
     assert autopilot.link.vehicle_id == autopilot.planner_link.vehicle_id == 2
+
+
+def test_the_rates_that_limits_are_compared_with_are_those_that_are_asked_for():
+    assert {name: ASKED_FOR[name][0] for name in JUDGED_RATES} == {
+        name: rate_hz for name, (rate_hz, _) in JUDGED_RATES.items()
+    }
+
+
+@pytest.mark.parametrize("message", [name for name in JUDGED_RATES if name != "RC_CHANNELS"])
+def test_a_message_may_be_as_slow_as_two_periods_within_its_limit_or_not_be_asked_for(small, mistake, message):
+    shortest_s = min({"mode": 5.0, "system": 3.0, "speed": 0.7}.get(name, 2.0) for name in _limit_names(message))
+    for rate_hz in (2 / shortest_s, 0.0):
+        (small / "autopilot.yaml").write_text(f"rates_hz: {{{message}: {rate_hz}}}\n")
+        assert load_configuration(small).autopilot.rates_hz == {message: rate_hz}
+    assert mistake("autopilot.yaml", f"rates_hz: {{{message}: {1.9 / shortest_s}}}\n").startswith(
+        f"autopilot.yaml:1: rates_hz.{message}: is "
+    )
+
+
+def _limit_names(message):
+    return [limit.split(".")[1].split("_")[0] for limit in JUDGED_RATES[message][1]]
+
+
+def test_without_a_land_switch_its_message_may_come_as_others_want_it(small):
+    (small / "autopilot.yaml").write_text("rates_hz: {RC_CHANNELS: 0.5}\nland_switch: {age_limit_s: 0.1}\n")
+    assert load_configuration(small).autopilot.rates_hz == {"RC_CHANNELS": 0.5}

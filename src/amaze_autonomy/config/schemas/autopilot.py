@@ -210,7 +210,7 @@ _NEED_ROWS: Tuple[Row, ...] = (
 )
 _SWITCH_ROWS: Tuple[Row, ...] = (
     ("channel", Whole(0, 18), "of the transmitter, from 1, that means land; 0: none does", "one that the autopilot has no other use for"),
-    ("above_us", Number(minimum=900.0, maximum=2100.0), "width of its pulse in microseconds above which it is on", "a switch of three positions is at 1000, 1500 and 2000"),
+    ("above_us", Number(minimum=900.0, maximum=1950.0), "width of its pulse in microseconds above which it is on", "a switch of three positions is at 1000, 1500 and 2000"),
     ("hold_ns", _time(5), "how long it must be on", "a single wrong reading lands nobody"),
     ("age_limit_ns", _time(10), "channels that are older say nothing", "without a transmitter the autopilot decides"),
 )
@@ -314,9 +314,54 @@ def _check_links(values: Mapping[str, Any], places: Places) -> None:
         refuse_at((named, "key_file"), places, wrong, right)
 
 
+_LIMITS_OF_A_STATE = ("limits.state_age_limit_s",)
+JUDGED_RATES: Mapping[str, Tuple[float, Tuple[str, ...]]] = {
+    "HEARTBEAT": (5.0, ("limits.mode_age_limit_s",)),
+    "EXTENDED_SYS_STATE": (5.0, _LIMITS_OF_A_STATE),
+    "SYS_STATUS": (2.0, ("limits.system_age_limit_s",)),
+    "GPS_RAW_INT": (5.0, ("gps.age_limit_s", "gps.frozen_limit_s")),
+    "LOCAL_POSITION_NED": (10.0, ("limits.speed_age_limit_s", *_LIMITS_OF_A_STATE)),
+    "ESTIMATOR_STATUS": (5.0, _LIMITS_OF_A_STATE),
+    "EKF_STATUS_REPORT": (5.0, _LIMITS_OF_A_STATE),
+    "ATTITUDE": (10.0, _LIMITS_OF_A_STATE),
+    "RC_CHANNELS": (10.0, ("land_switch.age_limit_s",)),
+}
+"""Messages that an age limit judges: the rate at which each is asked for unless `rates_hz` says another, the limits."""
+_PERIODS = 2  # within a limit, or what comes in time is late already
+
+
+def _check_rates(values: Mapping[str, Any], places: Places) -> None:
+    """Refuse a message that is asked for so seldom that it is too old between two: nothing would say what is wrong.
+
+    What is not asked for (0) comes unasked, or others ask for it; the land switch is never left to that.
+
+    Raises:
+        ConfigError: about the rate, or about the limit where the rate is ours.
+    """
+    given, has_switch = values["rates_hz"], values["land_switch"]["channel"] > 0
+    if has_switch and given.get("RC_CHANNELS") == 0:
+        right = "must be above 0, or left out: land_switch has a channel, and would never say land"
+        refuse_at(("rates_hz", "RC_CHANNELS"), places, "is 0", right)
+    for message, (ours_hz, limits) in JUDGED_RATES.items():
+        rate_hz = given.get(message, ours_hz)
+        if not rate_hz or (message == "RC_CHANNELS" and not has_switch):
+            continue
+        for limit in limits:
+            group, key = limit.split(".")
+            limit_s = values[group][key]
+            if _PERIODS / rate_hz <= limit_s + 1e-9:
+                continue
+            if message in given:
+                right = f"must be at least {_PERIODS / limit_s:.3g}, two periods within {limit} ({limit_s:g})"
+                refuse_at(("rates_hz", message), places, f"is {rate_hz:g}", f"{right}: else it is old between two")
+            right = f"must be at least {_PERIODS / rate_hz:.3g}, two periods of {message}, asked for at {rate_hz:g} Hz"
+            refuse_at((group, key), places, f"is {limit_s:g}", f"{right}: else it is old between two")
+
+
 def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings:
     """Return the settings of the values of autopilot.yaml."""
     _check_links(values, places)
+    _check_rates(values, places)
 
     def group(name: str, cls: Any) -> Any:
         return make(cls, values[name], (name,), places)
