@@ -99,6 +99,28 @@ def test_a_rate_of_what_is_no_message_is_a_mistake_too(capsys, folder):
     assert main(["check-config", str(folder)]) == 0
 
 
+def test_a_key_file_that_a_node_could_not_use_is_a_warning(capsys, folder, tmp_path):
+    key = tmp_path / "mavlink.key"
+    words = [f"autopilot.{link}.key_file={key}" for link in ("link", "planner_link")]
+    arguments = ["check-config", str(folder), *(word for each in words for word in ("--set", each))]
+    assert main(arguments) == 0
+    known = capsys.readouterr().out.splitlines()
+    assert known[1:3] == [
+        f"  warning: {link}.key_file of autopilot.yaml: {key}: No such file or directory; must be a file with the key"
+        for link in ("link", "planner_link")
+    ]
+    key.write_text("ab" * 32)
+    key.chmod(0o600)
+    assert main(arguments) == 0
+    assert len(capsys.readouterr().out.splitlines()) == len(known) - 2
+
+
+def test_a_key_file_of_a_user_that_is_not_there_is_a_warning(capsys, folder):
+    words = [f"autopilot.{link}.key_file=~no_such_user/key" for link in ("link", "planner_link")]
+    assert main(["check-config", str(folder), *(word for each in words for word in ("--set", each))]) == 0
+    assert "  warning: link.key_file of autopilot.yaml: ~no_such_user/key: " in capsys.readouterr().out
+
+
 def test_a_mistake_as_json_has_its_parts(capsys, folder):
     (folder / "autonomy.yaml").write_text("require_go: 1\n")
     assert main(["check-config", str(folder), "--json"]) == 1

@@ -7,7 +7,7 @@ import json
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
 from . import paths
 from .bags.cli import add_memory
@@ -231,10 +231,26 @@ def _warnings(configuration: Any) -> List[str]:
 
     effective = configuration.effective
     return [
+        *_unusable_keys(configuration.autopilot),
         *contradictions(effective),
         *unrecorded_topics(effective["sensors"], effective["recording"]),
         *unnamed_topics(effective, _named(configuration)),
     ]
+
+
+def _unusable_keys(autopilot: Any) -> Iterator[str]:
+    """Yield a line for each key for signing that a node could not use; on another computer it may be there."""
+    for name, link in (("link", autopilot.link), ("planner_link", autopilot.planner_link)):
+        if link.key_file and autopilot.backend == "mavlink":
+            from .autopilot.errors import AutopilotError  # noqa: PLC0415 - with it comes all that knows messages
+            from .autopilot.link.wire import read_key  # noqa: PLC0415
+
+            try:
+                read_key(Path(link.key_file).expanduser())
+            except AutopilotError as error:
+                yield f"{name}.key_file of autopilot.yaml: {error}"
+            except RuntimeError as error:  # of a user that is not there
+                yield f"{name}.key_file of autopilot.yaml: {link.key_file}: {error}"
 
 
 def _named(configuration: Any) -> Set[str]:

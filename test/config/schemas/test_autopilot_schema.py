@@ -8,6 +8,8 @@ from dataclasses import replace
 import pytest
 
 from amaze_autonomy import paths
+from amaze_autonomy.autopilot.errors import EndpointError
+from amaze_autonomy.autopilot.link.ports import make_port, parse_endpoint
 from amaze_autonomy.autopilot.vehicle.client import ASKED_FOR
 from amaze_autonomy.config import AutopilotSettings, ConfigError, load_configuration
 from amaze_autonomy.config.schemas.autopilot import JUDGED_RATES
@@ -112,6 +114,21 @@ def test_a_mission_by_set_points_has_what_follows_their_loss_compared():
             "rates_hz: {HEARTBEAT: -0.1}\n",
             "autopilot.yaml:1: rates_hz.HEARTBEAT: is -0.1; must be a number at least 0 and at most 50",
         ),
+        (
+            "planner_link:\n  url: udp:localhost:14540\n",
+            "autopilot.yaml:2: planner_link.url: is 'udp:localhost:14540', as link.url is ('udpin:127.0.0.1:14540'); "
+            "must be an endpoint of its own; a router shares a serial port (docs/autopilot.md)",
+        ),
+        (
+            "link:\n  url: udpin:foo\n",
+            "autopilot.yaml:2: link.url: is the text 'udpin:foo'; must be a connection URL of a host and a port, or of "
+            'a device: "udpin:127.0.0.1:14540", "serial:/dev/ttyACM0:921600"',
+        ),
+        (
+            "planner_link:\n  url: serial:/dev/ttyACM0:123456\n",
+            "autopilot.yaml:2: planner_link.url: is 'serial:/dev/ttyACM0:123456'; must have a baud rate that this "
+            "system has; 57600, 115200 and 921600 are usual",
+        ),
         ("link: {url: 14540}\n", None),
         ("link: {url: 'ftp:host:1'}\n", None),
         ("gps: {frozen_limit_ms: 5}\n", None),
@@ -160,3 +177,55 @@ def _limit_names(message):
 def test_without_a_land_switch_its_message_may_come_as_others_want_it(small):
     (small / "autopilot.yaml").write_text("rates_hz: {RC_CHANNELS: 0.5}\nland_switch: {age_limit_s: 0.1}\n")
     assert load_configuration(small).autopilot.rates_hz == {"RC_CHANNELS": 0.5}
+
+
+@pytest.mark.parametrize(
+    "url, good",
+    [
+        ("udpin:127.0.0.1:14540", True),
+        ("udpin://127.0.0.1:65535", True),
+        ("udpout:companion.local:00014550", True),
+        ("tcp:[::1]:5760", True),
+        ("tcpin:::1:5760", True),
+        ("serial:/dev/ttyACM0", True),
+        ("serial:///dev/ttyACM0:57600", True),
+        ("udpin:foo", False),
+        ("udpin:14540", False),
+        ("udpin::14540", False),
+        ("udpin:127.0.0.1:0", False),
+        ("udpin:127.0.0.1:65536", False),
+        ("udpin:127.0.0.1:99999", False),
+        ("tcp:host:port", False),
+        ("serial:/dev/ttyACM0:fast", False),
+        ("serial:/dev/ttyACM0:0", False),
+        ("serial:/dev/ttyACM0:123456", False),
+        ("serial:/dev/serial/by-path/pci-0000:00:14.0-usb:57600", False),
+        ("serial:ttyACM0:57600", False),
+    ],
+)
+def test_a_url_is_good_when_the_nodes_can_open_it(url, good):
+    with nullcontext() if good else pytest.raises(EndpointError):
+        make_port(parse_endpoint(url))
+    with nullcontext() if good else pytest.raises(ConfigError, match=r"link\.url"):
+        load_configuration(paths.config_folder(), {"autopilot.link.url": url})
+
+
+@pytest.mark.parametrize(
+    "url, planner_url, same",
+    [
+        ("udpin:127.0.0.1:14540", "udp:127.0.0.1:14540", True),
+        ("udpin:127.0.0.1:14540", "udpin:localhost:14540", True),
+        ("udpin:127.0.0.1:14540", "udpin:0.0.0.0:014540", True),
+        ("udpin:127.0.0.1:14540", "tcpin:127.0.0.1:14540", False),
+        ("udpin:127.0.0.1:14540", "udpin:192.168.1.2:14540", False),
+        ("udpout:127.0.0.1:14540", "udpout:127.0.0.1:14540", False),
+        ("tcpin:[::1]:5760", "tcpin:[0:0::1]:5760", True),
+        ("serial:/dev/ttyACM0", "serial:/dev/ttyACM0:57600", True),
+        ("serial:/dev/ttyACM0:921600", "serial:///dev/ttyACM0:57600", True),
+        ("serial:/dev/ttyACM0", "serial:/dev/ttyACM1", False),
+    ],
+)
+def test_one_endpoint_is_one_however_it_is_written(url, planner_url, same):
+    urls = {"autopilot.link.url": url, "autopilot.planner_link.url": planner_url}
+    with pytest.raises(ConfigError, match="must be an endpoint of its own") if same else nullcontext():
+        load_configuration(paths.config_folder(), urls)

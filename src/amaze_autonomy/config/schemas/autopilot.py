@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ipaddress
+import re
+import termios
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, Mapping, Tuple
+from typing import Any, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.monitoring.land_switch import LandSwitchSpec
 
@@ -171,9 +175,17 @@ def _time(most: float = 60.0) -> Number:
     return Number(above=0.0, maximum=most)
 
 
+# what the nodes can open, as `parse_endpoint` of the link reads it: a port of 1 to 65535, a device without a colon
+_PORT = r"0*(?:[1-9][0-9]{0,3}|[1-5][0-9]{4}|6[0-4][0-9]{3}|65[0-4][0-9]{2}|655[0-2][0-9]|6553[0-5])"
+_HOST = r"\[[0-9A-Fa-f:.]+\]|[^\x00-\x20\x7f/\[\]]+"
+_URL = re.compile(
+    r"serial:(?://)?(?P<device>/[^\x00-\x20\x7f:]+)(?::(?P<baud>0*[1-9][0-9]*))?"
+    rf"|(?P<kind>udp|udpin|udpout|tcp|tcpin):(?://)?(?P<host>{_HOST}):(?P<port>{_PORT})"
+)
+
 # fmt: off
 _LINK_ROWS: Tuple[Row, ...] = (
-    ("url", Text('a connection URL, e.g. "udpin:127.0.0.1:14540" or "serial:/dev/ttyACM0:921600"', r"(serial|udp|udpin|udpout|tcp|tcpin):[^\x00-\x20\x7f]+"), "where the vehicle is", "as MAVLink people write it; docs/autopilot.md"),
+    ("url", Text('a connection URL of a host and a port, or of a device: "udpin:127.0.0.1:14540", "serial:/dev/ttyACM0:921600"', _URL.pattern), "where the vehicle is", "as MAVLink people write it; docs/autopilot.md"),
     ("system_id", Whole(1, 255), "own system id", "by convention that of the vehicle"),
     ("component_id", Whole(1, 255), "own component id", "another for each node that speaks on a link"),
     ("vehicle_id", Whole(1, 255), "system id of the vehicle, the same in both links", "several vehicles may share a radio: the one that is checked is the one that flies"),
@@ -281,7 +293,55 @@ AUTOPILOT = Group(
 
 
 _AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
-_OWNED = ("serial:", "udp:", "udpin:", "tcpin:")  # what one process alone can have
+_OWNED = {"udp": "udpin", "udpin": "udpin", "tcpin": "tcpin"}  # what one process alone can have, and serial devices
+_EVERY_ADDRESS = ("0.0.0.0", "::")  # noqa: S104 - compared, never bound
+
+
+class _Owned(NamedTuple):
+    """What one process alone can have: a device, or a port at an address of this computer."""
+
+    kind: str
+    address: str
+    port: int
+
+    def is_same(self, other: _Owned) -> bool:
+        """Return whether both cannot be had at once."""
+        everywhere = self.address in _EVERY_ADDRESS or other.address in _EVERY_ADDRESS
+        return self._replace(address="") == other._replace(address="") and (everywhere or self.address == other.address)
+
+
+def _owned(url: str) -> Optional[_Owned]:
+    """Return what a URL takes for itself, however it is written; None: nothing. Names of hosts are not looked up."""
+    found = _URL.fullmatch(url)
+    if found is None:
+        return None
+    if found["device"]:
+        return _Owned("serial", re.sub("/+", "/", found["device"]), 0)
+    if found["kind"] not in _OWNED:
+        return None
+    host = found["host"].strip("[]").lower()
+    with suppress(ValueError):
+        host = str(ipaddress.ip_address("127.0.0.1" if host == "localhost" else host))
+    return _Owned(_OWNED[found["kind"]], host, int(found["port"]))
+
+
+def _check_urls(values: Mapping[str, Any], places: Places) -> None:
+    """Refuse a baud rate that this system does not have, and one endpoint for two nodes.
+
+    Raises:
+        ConfigError: about the first URL that cannot be.
+    """
+    urls = {name: values[name]["url"] for name in ("link", "planner_link")}
+    for name, url in urls.items():
+        found = _URL.fullmatch(url)
+        if found is not None and found["baud"] and not hasattr(termios, f"B{int(found['baud'])}"):
+            right = "must have a baud rate that this system has; 57600, 115200 and 921600 are usual"
+            refuse_at((name, "url"), places, f"is {url!r}", right)
+    link, planner = _owned(urls["link"]), _owned(urls["planner_link"])
+    if link is not None and planner is not None and planner.is_same(link):
+        as_link = "as link.url" if urls["planner_link"] == urls["link"] else f"as link.url is ({urls['link']!r})"
+        right = "must be an endpoint of its own; a router shares a serial port (docs/autopilot.md)"
+        refuse_at(("planner_link", "url"), places, f"is {urls['planner_link']!r}, {as_link}", right)
 
 
 def _check_links(values: Mapping[str, Any], places: Places) -> None:
@@ -291,9 +351,7 @@ def _check_links(values: Mapping[str, Any], places: Places) -> None:
         ConfigError: they are.
     """
     link, planner = values["link"], values["planner_link"]
-    if planner["url"] == link["url"] and link["url"].startswith(_OWNED):
-        right = "must be an endpoint of its own; a router shares a serial port (docs/autopilot.md)"
-        refuse_at(("planner_link", "url"), places, f"is {link['url']!r}, as link.url", right)
+    _check_urls(values, places)
     names = ("system_id", "component_id")
     if all(planner[name] == link[name] for name in names):
         right = "must be another one: each node that speaks has its own"
