@@ -271,6 +271,16 @@ def test_the_autopilot_node_answers_before_the_engine_stops_waiting(mistake):
     )
 
 
+def test_the_recorder_of_which_the_file_says_nothing_has_its_own_limit_as_well(mistake, small):
+    assert mistake("autonomy.yaml", "recording:\n  recording_start_limit_s: 12\n") == (
+        "autonomy.yaml:2: recording.recording_start_limit_s: is 12; "
+        "must be above start_limit_s of recording.yaml (12), or nobody hears why"
+    )
+    text = (small / "recording.yaml").read_text() + "start_limit_s: 11\n"
+    (small / "recording.yaml").write_text(text)
+    assert load_configuration(small).recording.start_limit_ns == 11_000_000_000
+
+
 def test_an_estimator_that_must_be_told_to_begin_has_less_time_than_the_checks(mistake, small, small_file):
     sensors = small_file("sensors.yaml") + "initialisation: {limit_s: 60.0}\n"
     (small / "sensors.yaml").write_text(sensors)

@@ -98,6 +98,16 @@ from amaze_autonomy.config import load_configuration
             "else a hold outlasts the flight",
         ),
         (
+            "commands: {hold_repeat_after_s: 3.0}",
+            "commands.hold_repeat_after_s: is 3; must be below commands.hold_confirm_limit_s (3): "
+            "else one lost request ends in a landing",
+        ),
+        (
+            "commands: {hold_confirm_limit_s: 1.5}",
+            "commands.hold_confirm_limit_s: is 1.5; must be above commands.hold_repeat_after_s (1.5): "
+            "else one lost request ends in a landing",
+        ),
+        (
             "failsafe: {watchdog_heartbeat_limit_s: 0.1}",
             "failsafe.watchdog_heartbeat_limit_s: is 0.1; must be at least 0.4, 2 periods of "
             "streams.watchdog_action_rate_hz: one lost message is no loss",

@@ -148,16 +148,22 @@ def check_known(names: Iterable[str], known: Iterable[str], what: str, here: Add
             refuse_at(at, places, f"{name} is not a {what}", right)
 
 
-def check_recorder_limits(autonomy: Mapping[str, Any], recording: Mapping[str, Any], places: Places) -> None:
-    """Check that the recorder says what is missing before the engine stops waiting; `places` are of recording.yaml.
+def check_recorder_limits(
+    autonomy: Mapping[str, Any], recording: Mapping[str, Any], places: Mapping[str, Places]
+) -> None:
+    """Check that the recorder says what is missing before the engine stops waiting; `places` are of all files.
 
     Raises:
-        ConfigError: about the recorder's limit.
+        ConfigError: about the recorder's limit; about the engine's where the recorder's is left out.
     """
     limit, own = autonomy["recording"]["recording_start_limit_s"], recording["start_limit_s"]
-    if own >= limit and ("start_limit_s",) in places:
-        right = f"must be below recording.recording_start_limit_s of autonomy.yaml ({limit:g}), or nobody hears why"
-        refuse_at(("start_limit_s",), places, f"is {own:g}", right)
+    if own < limit:
+        return
+    if ("start_limit_s",) not in places["recording"]:
+        right = f"must be above start_limit_s of recording.yaml ({own:g}), or nobody hears why"
+        refuse_at(("recording", "recording_start_limit_s"), places["autonomy"], f"is {limit:g}", right)
+    right = f"must be below recording.recording_start_limit_s of autonomy.yaml ({limit:g}), or nobody hears why"
+    refuse_at(("start_limit_s",), places["recording"], f"is {own:g}", right)
 
 
 def check_recording(values: Mapping[str, Any], places: Places) -> None:
@@ -408,6 +414,12 @@ ORDER: Tuple[Order, ...] = (
         "battery.battery_critical_fraction", "battery.battery_reserve_fraction", True, "else every mission ends by it"
     ),
     Order("flight.tilt_warning_deg", "flight.max_tilt_deg", True, "else it lands without a warning before"),
+    Order(
+        "commands.hold_repeat_after_s",
+        "commands.hold_confirm_limit_s",
+        False,
+        "else one lost request ends in a landing",
+    ),
     Order("commands.user_hold_limit_s", "flight.max_flight_time_s", False, "else a hold outlasts the flight"),
 )
 

@@ -133,7 +133,7 @@ def _check(values: Mapping[str, Any], places: Mapping[str, Places]) -> None:
         check_replies(values["autonomy"], values["autopilot"], places["autopilot"])
     if "recording" in values:
         check_recording(values["recording"], places["recording"])
-        check_recorder_limits(values["autonomy"], values["recording"], places["recording"])
+        check_recorder_limits(values["autonomy"], values["recording"], places)
 
 
 def _configuration(

@@ -129,6 +129,19 @@ def test_a_mission_by_set_points_has_what_follows_their_loss_compared():
             "autopilot.yaml:2: planner_link.url: is 'serial:/dev/ttyACM0:123456'; must have a baud rate that this "
             "system has; 57600, 115200 and 921600 are usual",
         ),
+        (
+            "commands:\n  repeat_s: 5.0\n",
+            "autopilot.yaml:2: commands.repeat_s: is 5; must be below commands.limit_s (5): else nothing is sent again",
+        ),
+        (
+            "commands:\n  limit_s: 0.3\n",
+            "autopilot.yaml:2: commands.limit_s: is 0.3; must be above commands.repeat_s (0.3): else nothing is sent "
+            "again",
+        ),
+        (
+            "commands: {exit_limit_s: 15}\n",
+            "autopilot.yaml:1: commands.exit_limit_s: is 15; must be a number above 0 and at most 12, in seconds",
+        ),
         ("link: {url: 14540}\n", None),
         ("link: {url: 'ftp:host:1'}\n", None),
         ("gps: {frozen_limit_ms: 5}\n", None),

@@ -213,7 +213,7 @@ _COMMAND_ROWS: Tuple[Row, ...] = (
     ("repeat_ns", _time(10), "pause between two sendings of a command", "a lost packet costs this"),
     ("limit_ns", _time(), "time in which the vehicle must show the effect", "confirmed by its heartbeat, never by an acknowledgement"),
     ("reply_ns", _time(10), "time after which a service answers that it was sent, though nothing is confirmed yet", "below command_reply_limit_s of the engine"),
-    ("exit_limit_ns", _time(), "how long the node stays for the landing mode when it is told to end in flight", "roslaunch waits 15 s before it kills"),
+    ("exit_limit_ns", _time(12), "how long the node stays for the landing mode when it is told to end in flight", "roslaunch waits 15 s before it kills"),
 )
 _NEED_ROWS: Tuple[Row, ...] = (
     ("rc", Flag(), "a transmitter must be heard; off: it is a warning", "the pilot is the last route"),
@@ -372,6 +372,21 @@ def _check_links(values: Mapping[str, Any], places: Places) -> None:
         refuse_at((named, "key_file"), places, wrong, right)
 
 
+def _check_commands(values: Mapping[str, Any], places: Places) -> None:
+    """Refuse a command that is given up before it is sent again.
+
+    Raises:
+        ConfigError: about the pause, or about the limit where it alone is given.
+    """
+    pause_s, limit_s, why = values["commands"]["repeat_s"], values["commands"]["limit_s"], "else nothing is sent again"
+    if pause_s < limit_s:
+        return
+    pause, limit = ("commands", "repeat_s"), ("commands", "limit_s")
+    if pause not in places and limit in places:
+        refuse_at(limit, places, f"is {limit_s:g}", f"must be above commands.repeat_s ({pause_s:g}): {why}")
+    refuse_at(pause, places, f"is {pause_s:g}", f"must be below commands.limit_s ({limit_s:g}): {why}")
+
+
 _LIMITS_OF_A_STATE = ("limits.state_age_limit_s",)
 JUDGED_RATES: Mapping[str, Tuple[float, Tuple[str, ...]]] = {
     "HEARTBEAT": (5.0, ("limits.mode_age_limit_s",)),
@@ -419,6 +434,7 @@ def _check_rates(values: Mapping[str, Any], places: Places) -> None:
 def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings:
     """Return the settings of the values of autopilot.yaml."""
     _check_links(values, places)
+    _check_commands(values, places)
     _check_rates(values, places)
 
     def group(name: str, cls: Any) -> Any:
