@@ -198,7 +198,7 @@ class Sequencer(StandIn):
 
     def __init__(self, vehicle: Any, **faults: Any) -> None:
         super().__init__(vehicle, **faults)
-        self._state, self._id, self._arming_ns = "idle", 0, 0
+        self._state, self._before, self._id, self._arming_ns = "idle", "idle", 0, 0
         self._start = (0.0, 0.0, 0.0)
         self._points: List[Dict[str, float]] = []
         self._told = 0
@@ -255,7 +255,11 @@ class Sequencer(StandIn):
         self._say(TAKEOFF, response=True, completed=False)
 
     def _fly(self, points: List[Dict[str, float]]) -> None:
-        if self._state != "hover":
+        if self._state == "hold" and self._before == "hover" and self.faults.get("takes_in_hold"):
+            self._before = "mission"
+        elif self._state == "hover":
+            self._state = "mission"
+        else:
             return
         skipped = self.faults.get("skips", ())
         self._points = [each for number, each in enumerate(points, start=1) if number not in skipped]
@@ -271,7 +275,7 @@ class Sequencer(StandIn):
             )
             for each in self._points
         )
-        self.vehicle.reached, self.vehicle._leave_at, self._told, self._state = 0, None, 0, "mission"
+        self.vehicle.reached, self.vehicle._leave_at, self._told = 0, None, 0
 
     def step(self, t_ns: int) -> None:
         super().step(t_ns)

@@ -74,6 +74,7 @@ class Sequencer(Peer):
         self._points: Tuple[Tuple[Point, float, float], ...] = ()
         self._reached = 0
         self._before_hold = _P.FLYING
+        self._sent_in_hold = False  # waypoints, while a hold was under way
         self._arming_ns: Optional[int] = None
         self._asked: Optional[Request] = None  # ARM, then TAKEOFF: which of them its sequencer was asked for last
         self._landing = False
@@ -179,10 +180,10 @@ class Sequencer(Peer):
             self._phase, self._message, self._arming_ns = _P.TAKING_OFF, "", t_ns
             self._asked = Request.ARM
             return Request.ARM
-        if action is MissionAction.HOLD and self._phase is not _P.HOLDING:
-            self._before_hold = self._phase
-            return Request.HOLD
-        return Request.RESUME if action is MissionAction.RESUME and self._phase is _P.HOLDING else None
+        asked = [request for request, _, _ in self._waiting if request in (Request.HOLD, Request.RESUME)]
+        if action is MissionAction.HOLD:
+            return Request.HOLD if asked or self._phase is not _P.HOLDING else None
+        return Request.RESUME if asked or self._phase is _P.HOLDING else None
 
     def _down(self) -> Optional[Request]:
         """Return what ends a flight: DISARM while it is known that it was asked to arm and no more; else LAND."""
@@ -214,7 +215,7 @@ class Sequencer(Peer):
         self._loaded, self._id = command, int(command.mission_id)
         self._phase, self._message, self._reached = _P.LOADED, "", 0
         self._asked = self._arming_ns = None
-        self._landing = False
+        self._landing = self._sent_in_hold = False
         return ""
 
     def _end_last(self, t_ns: int, command: LoadMission) -> str:
@@ -314,6 +315,10 @@ class Sequencer(Peer):
         if self._landing:
             return
         self._phase = _P.FLYING
+        self._sent_in_hold = any(request is Request.HOLD for request, _, _ in self._waiting)
+        self._send_waypoints()
+
+    def _send_waypoints(self) -> None:
         waypoints = [
             {"x": place[0], "y": place[1], "z": place[2], "yaw": yaw, "holdtime": hold_s}
             for place, yaw, hold_s in self._points
@@ -334,11 +339,15 @@ class Sequencer(Peer):
 
     def _held(self) -> None:
         if self._phase in (_P.TAKING_OFF, _P.FLYING):
-            self._phase = _P.HOLDING
+            self._before_hold, self._phase = self._phase, _P.HOLDING
 
     def _resumed(self) -> None:
-        if self._phase is _P.HOLDING:
-            self._phase = self._before_hold
+        if self._phase is not _P.HOLDING:
+            return
+        self._phase = self._before_hold
+        if self._sent_in_hold and self._phase is _P.FLYING and not self._reached:  # it may not have taken them there
+            self._send_waypoints()
+        self._sent_in_hold = False
 
     def _lands(self) -> None:
         if self._phase in _IN_FLIGHT:

@@ -1,0 +1,135 @@
+"""Their mission sequencer where messages cross, are refused or do not come: whole flights in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+from cns_folder import write_folder
+from flight import MS, Flight, S
+from stand_ins import ARM, DISARM, HOLD, LAND, RESUME, TAKEOFF, namespace
+
+from amaze_autonomy.cns.importer import import_folder
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.engine.commands import MissionAction, MissionCommand
+from amaze_autonomy.engine.events import MissionPhase, UserCommand
+from amaze_autonomy.engine.state import Result, State
+
+P = MissionPhase
+ENTITIES = ("mission_cam", "lrf", "px4_imu", "UWB-Tag 1", "px4_gps")
+WHOLE = [ARM, TAKEOFF, LAND, DISARM]
+LATENCY_NS = 40 * MS  # of 1 to 60 ms
+HEIGHT = {"request": {"id": 1, "request": TAKEOFF}, "response": False, "completed": True}
+
+
+class Late(Flight):
+    """A flight in which whatever its sequencer says or is asked is under way for a time."""
+
+    def __init__(self, *args, **more):
+        self.down, self.up = [], []
+        super().__init__(*args, **more)
+
+    def _exchange(self, t_ns, name):
+        if name != "mission_planner":
+            super()._exchange(t_ns, name)
+            return
+        node, peer = self.nodes[name], self.peers[name]
+        while self.up and self.up[0][0] <= t_ns:
+            _, key, fields = self.up.pop(0)
+            node.take(t_ns, key, fields)
+        node.step(t_ns)
+        said, node.said = node.said, []
+        self.down += [(t_ns + LATENCY_NS, key, fields) for key, fields in said]
+        while self.down and self.down[0][0] <= t_ns:
+            _, key, fields = self.down.pop(0)
+            peer.hear(t_ns, key, namespace(fields))
+
+    def _send(self, t_ns, name):
+        if name != "mission_planner":
+            super()._send(t_ns, name)
+            return
+        outbox, self.peers[name].outbox = self.peers[name].outbox, []
+        self.up += [(t_ns + LATENCY_NS, each.key, dict(each.fields)) for each in outbox]
+
+
+@pytest.fixture(scope="module")
+def configuration(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cns")
+    import_folder(write_folder(folder / "cns"), folder / "config")
+    return load_configuration(folder / "config")
+
+
+@pytest.fixture
+def make(configuration):
+    def flight(kind=Flight, **faults):
+        return kind(configuration, watchdog={"entities": ENTITIES}, **faults)
+
+    return flight
+
+
+def flying(flight):
+    flight.until(lambda: flight.state.state is State.MISSION)
+    flight.run(3 * S)
+
+
+def planner(flight):
+    return flight.peers["mission_planner"]
+
+
+# --- holds ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("takes_in_hold", [False, True])
+def test_a_hold_that_crosses_the_end_of_the_takeoff_is_resumed_to_the_mission(make, takes_in_hold):
+    flight = make(Late, mission_planner={"takes_in_hold": takes_in_hold})
+    flight.until(lambda: any(fields == HEIGHT for _, _, fields in flight.down))
+    assert (flight.state.state, planner(flight)._phase) == (State.MISSION, P.TAKING_OFF)
+    flight.ask(UserCommand.HOLD)
+    flight.run(2 * S)
+    assert planner(flight)._phase is P.HOLDING
+    flight.ask(UserCommand.RESUME)
+    flight.end()
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert flight.requests() == [ARM, TAKEOFF, HOLD, RESUME, LAND, DISARM]
+
+
+def test_waypoints_that_were_taken_are_not_sent_again_after_a_hold(make):
+    flight = make(Late)
+    flight.until(lambda: planner(flight)._phase is P.FLYING)
+    flight.run(200 * MS)  # on its way to the first one
+    flight.ask(UserCommand.HOLD)
+    flight.run(2 * S)
+    flight.ask(UserCommand.RESUME)
+    flight.end()
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert [key for key, _ in flight.calls("mission_planner")].count("waypoint_list") == 1
+
+
+def test_a_hold_while_a_resume_is_under_way_is_asked_for(make):
+    flight = make(Late)
+    flying(flight)
+    flight.ask(UserCommand.HOLD)
+    flight.run(3 * S)
+    flight.ask(UserCommand.RESUME)
+    flight.run(20 * MS)  # it is not there yet
+    flight.ask(UserCommand.HOLD)
+    flight.run(S)
+    assert flight.requests()[2:] == [HOLD, RESUME, HOLD]
+    assert (flight.state.state, planner(flight)._phase) == (State.HOLD, P.HOLDING)
+    where = flight.vehicle.position_m
+    flight.run(3 * S)
+    assert flight.vehicle.position_m == pytest.approx(where, abs=0.2)
+    flight.ask(UserCommand.RESUME)
+    flight.end()
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+
+
+def test_a_resume_while_a_hold_is_under_way_is_asked_for(make):
+    flight = make(Late)
+    flying(flight)
+    flight.ask(UserCommand.HOLD)
+    flight.run(20 * MS)
+    assert planner(flight)._phase is P.FLYING
+    command = MissionCommand(id=99, limit_ns=S, session_id=flight.state.session.id, action=MissionAction.RESUME)
+    assert planner(flight).answer(flight.t_ns, command) is None  # the answer is that of its sequencer
+    flight.run(200 * MS)
+    assert flight.requests()[2:] == [HOLD, RESUME]
+    assert planner(flight)._phase is P.FLYING
