@@ -133,3 +133,13 @@ def test_a_resume_while_a_hold_is_under_way_is_asked_for(make):
     flight.run(200 * MS)
     assert flight.requests()[2:] == [HOLD, RESUME]
     assert planner(flight)._phase is P.FLYING
+
+
+def test_a_takeoff_that_was_called_off_while_it_arms_stays_so_at_the_limit(make, configuration):
+    flight = make(mission_planner={"arms_never": True})
+    flight.until(lambda: ARM in flight.requests())
+    flight.run(S)
+    flight.ask(UserCommand.ABORT)
+    flight.run(configuration.rules.limits.arm_limit_ns + 2 * S)
+    assert flight.requests() == [ARM, DISARM]
+    assert (flight.planner[-1].phase, flight.planner[-1].message) == (P.LANDED, "")

@@ -358,6 +358,7 @@ class Sequencer(Peer):
         self._ask(Request.DISARM)
 
     def _disarmed(self) -> None:
+        self._arming_ns = None
         if self._phase in _IN_FLIGHT:
             self._phase = _P.LANDED
 
