@@ -143,3 +143,80 @@ def test_a_takeoff_that_was_called_off_while_it_arms_stays_so_at_the_limit(make,
     flight.run(configuration.rules.limits.arm_limit_ns + 2 * S)
     assert flight.requests() == [ARM, DISARM]
     assert (flight.planner[-1].phase, flight.planner[-1].message) == (P.LANDED, "")
+
+
+# --- the end of the last mission --------------------------------------------------------------------------------------
+
+
+def by_pilot(flight):
+    """Have a pilot take over and land, and a person end the mission; its sequencer stays in it."""
+    flight.vehicle.pilot_takes_over("POSCTL", 2 * S)
+    flight.until(lambda: flight.state.state is State.PILOT)
+    flight.until(lambda: not flight.vehicle.armed)
+    flight.run(2 * S)
+    flight.ask(UserCommand.ACKNOWLEDGE)
+    assert flight.end() == "MISSION_ENDED"
+    flight.vehicle.pilot_gives_back()
+    assert flight.nodes["mission_planner"]._state == "mission"
+
+
+def next_mission(flight):
+    """Fly another one, which is loaded once the last one has ended; return what was asked on the way."""
+    before = len(flight.requests())
+    flight.run(S)
+    flight.select("1")
+    flight.until(lambda: flight.state.state is State.OUTREACH)
+    words = "its sequencer is still in its last mission, which is being ended: try again"
+    assert any(words in notice for notice in flight.notices), flight.notices
+    flight.run(5 * S)
+    assert flight.nodes["mission_planner"]._state == "idle"
+    assert (flight.planner[-1].phase, flight.planner[-1].message) == (P.LANDED, "")
+    flight.ask(UserCommand.RETRY)
+    flight.until(lambda: flight.state.state is not State.OUTREACH)
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    return flight.requests()[before:]
+
+
+@pytest.mark.parametrize("later_s", [0, 120])
+def test_a_mission_in_which_the_peers_node_was_started_again_and_a_pilot_landed_is_ended(make, later_s):
+    flight = make()
+    flying(flight)
+    flight.restart(S)
+    flight.run(S // 5)
+    by_pilot(flight)
+    flight.run(later_s * S)  # nothing was heard of its end meanwhile
+    assert planner(flight)._phase is (P.FAILED if later_s else P.FLYING)
+    assert next_mission(flight) == [LAND, DISARM, *WHOLE]
+
+
+def test_a_sequencer_that_was_away_in_flight_and_is_there_again_is_ended(make):
+    flight = make()
+    flying(flight)
+    flight.dead = ("mission_planner",)
+    flight.run(4 * S)
+    flight.dead = ()
+    planner(flight).alive = True
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.nodes["mission_planner"]._state == "mission"
+    assert next_mission(flight) == [LAND, DISARM, *WHOLE]
+
+
+def test_a_sequencer_that_was_started_again_has_nothing_to_be_ended(make):
+    flight = make()
+    flying(flight)
+    by_pilot(flight)
+    flight.nodes["mission_planner"]._state = "idle"
+    assert next_mission(flight) == [LAND, DISARM, *WHOLE]  # both are refused
+
+
+def test_after_a_failure_that_its_sequencer_landed_from_the_next_mission_is_loaded_at_once(make):
+    flight = make()
+    flying(flight)
+    planner(flight)._fail("failed")
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.nodes["mission_planner"]._state == "idle"
+    flight.select("1")
+    flight.until(lambda: flight.state.state in (State.OUTREACH, State.MISSION))
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.requests() == WHOLE * 2

@@ -7,7 +7,7 @@ Our commands become its requests, its pairs (response, completed) become our pha
 * Waypoints out of its bounds are skipped without a word: they are checked before they are sent, and counted on the way.
 * After the last waypoint it hovers: LAND is sent, and on the ground DISARM.
 * HOLD would interrupt its landing: it is not sent once a landing was asked for.
-* Taken over by a pilot it stays in its mission, also on the ground: the next load of another session ends that first.
+* Taken over by a pilot, or failed, it stays in its mission, also on the ground: the next load ends that first.
 * A request with another id than the mission's is answered to nobody: the id is that of the loaded mission.
 * It says nothing when it has died: in flight that is FAILED at once, so that the autopilot lands.
 """
@@ -78,6 +78,7 @@ class Sequencer(Peer):
         self._arming_ns: Optional[int] = None
         self._asked: Optional[Request] = None  # ARM, then TAKEOFF: which of them its sequencer was asked for last
         self._landing = False
+        self._ending = False  # its last mission, for a load
         self._waiting: List[Tuple[Request, Command, int]] = []
         self._ended: List[Event] = []
         self._rhythm = Rhythm(rate_hz)
@@ -174,7 +175,7 @@ class Sequencer(Peer):
     def _meant(self, t_ns: int, action: MissionAction) -> Optional[Request]:
         """Return what a command is for its sequencer; None: nothing is to be asked."""
         if action in (MissionAction.LAND, MissionAction.ABORT):
-            self._landing = True
+            self._landing, self._ending = True, False
             return self._down()
         if action is MissionAction.TAKEOFF:
             self._phase, self._message, self._arming_ns = _P.TAKING_OFF, "", t_ns
@@ -204,25 +205,33 @@ class Sequencer(Peer):
             return f"its sequencer knows missions 1 to {_LAST_ID} alone, and none {command.mission_id!r}"
         if not self.alive:
             return "its sequencer is not there"
-        if self._phase in _IN_FLIGHT and not self._restored:
-            return self._end_last(t_ns, command)
+        if self._may_be_in_its_last():
+            return self._end_last(command)
         problem = self._aim(t_ns, command)
         if problem:
             return problem
-        if self._phase in _IN_FLIGHT:  # the engine loads on the ground alone: the end of that flight was missed
+        if self._phase in _IN_FLIGHT:  # no more than DISARM was missed: the engine loads on the ground alone
             self._ask(Request.DISARM)
         self._restored, self._unheard_ns = False, None
         self._loaded, self._id = command, int(command.mission_id)
         self._phase, self._message, self._reached = _P.LOADED, "", 0
         self._asked = self._arming_ns = None
-        self._landing = self._sent_in_hold = False
+        self._landing = self._sent_in_hold = self._ending = False
         return ""
 
-    def _end_last(self, t_ns: int, command: LoadMission) -> str:
-        """End the mission of a session that is over: the engine loads on the ground alone; return why it waits."""
-        if self._loaded is not None and self._loaded.session_id == command.session_id:
+    def _may_be_in_its_last(self) -> bool:
+        """Return whether its sequencer may still be in a mission that LAND has to end."""
+        if self._phase is _P.FAILED:
+            return self._asked is Request.TAKEOFF
+        return self._phase in ((_P.FLYING, _P.HOLDING) if self._restored else _IN_FLIGHT)
+
+    def _end_last(self, command: LoadMission) -> str:
+        """End a mission that is over: the engine loads on the ground alone; return why it waits."""
+        known = self._phase is not _P.FAILED and not self._restored
+        if known and self._loaded is not None and self._loaded.session_id == command.session_id:
             return f"its sequencer flies (phase {self._phase.name})"
-        request = self._meant(t_ns, MissionAction.LAND)
+        self._landing = self._ending = True
+        request = self._down()
         if request is not None:
             self._ask(request)
         return "its sequencer is still in its last mission, which is being ended: try again"
@@ -350,8 +359,12 @@ class Sequencer(Peer):
         self._sent_in_hold = False
 
     def _lands(self) -> None:
-        if self._phase in _IN_FLIGHT:
-            self._phase = _P.LANDING
+        self._enter(_P.LANDING)
+        self._restored = False  # what comes after this is heard
+
+    def _land_refused(self) -> None:
+        if self._ending and self._phase is not _P.LANDING:  # it has landed already, or was started again
+            self._ask(Request.DISARM)
 
     def _down_there(self) -> None:
         self._lands()
@@ -359,12 +372,21 @@ class Sequencer(Peer):
 
     def _disarmed(self) -> None:
         self._arming_ns = None
-        if self._phase in _IN_FLIGHT:
-            self._phase = _P.LANDED
+        self._enter(_P.LANDED)
+        self._ending = False
+        if self._asked is Request.TAKEOFF:  # of which nothing is left to be ended
+            self._asked = None
 
     def _disarm_refused(self) -> None:
-        if self._phase is _P.LANDING:  # the autopilot was faster
-            self._phase = _P.LANDED
+        if self._ending or self._phase in (_P.LANDING, _P.FAILED):  # the autopilot was faster, or it was idle
+            self._disarmed()
+
+    def _enter(self, phase: MissionPhase) -> None:
+        """Go on to a phase of a landing; what has failed stays so until it is ended for another mission."""
+        if self._phase in _IN_FLIGHT:
+            self._phase = phase
+        elif self._ending:
+            self._phase, self._message = phase, ""
 
     def _fail(self, message: str) -> None:
         self._phase, self._message = _P.FAILED, message
@@ -428,6 +450,7 @@ _TAKEN: Mapping[Tuple[Request, Answer], Callable[[Sequencer], None]] = {
     (Request.RESUME, Answer.DONE): Sequencer._resumed,  # noqa: SLF001
     (Request.LAND, Answer.ACCEPTED): Sequencer._lands,  # noqa: SLF001
     (Request.LAND, Answer.COMPLETED): Sequencer._down_there,  # noqa: SLF001
+    (Request.LAND, Answer.REFUSED): Sequencer._land_refused,  # noqa: SLF001
     (Request.DISARM, Answer.COMPLETED): Sequencer._disarmed,  # noqa: SLF001
     (Request.DISARM, Answer.REFUSED): Sequencer._disarm_refused,  # noqa: SLF001
 }
