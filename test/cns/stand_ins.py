@@ -209,13 +209,21 @@ class Sequencer(StandIn):
 
     def take(self, t_ns: int, key: str, fields: Dict[str, Any]) -> None:
         super().take(t_ns, key, fields)
+        if self._counted("ignores", fields.get("request", key)):
+            return
         if key == "waypoint_list":
             self._fly(fields["waypoints"])
             return
         request = fields["request"]
         if self._state == "idle":
             self._id = fields["id"]
-        self._answer(t_ns, request, fits=fields["id"] == self._id)
+        self._answer(t_ns, request, fits=fields["id"] == self._id and not self._counted("refuses", request))
+
+    def _counted(self, fault: str, what: Any) -> bool:
+        """Return whether a fault is due, of those that come so many times."""
+        times = self.faults.get(fault, {})
+        times[what] = times.get(what, 0) - 1
+        return bool(times[what] >= 0)
 
     def _answer(self, t_ns: int, request: int, *, fits: bool) -> None:
         flying = self._state in ("takeoff", "hover", "mission", "hold", "land")
@@ -283,7 +291,7 @@ class Sequencer(StandIn):
         if self._state == "arm" and t_ns - self._arming_ns >= self.ARM_S * S and not self.faults.get("arms_never"):
             self._state = "armed"
             self._say(ARM, response=False, completed=True)
-        elif self._state == "takeoff" and vehicle.reached:
+        elif self._state == "takeoff" and vehicle.reached and not self.faults.get("climbs_for_ever"):
             self._state = "hover"
             self._say(TAKEOFF, response=False, completed=True)
         elif self._state == "mission":

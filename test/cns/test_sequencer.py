@@ -220,3 +220,88 @@ def test_after_a_failure_that_its_sequencer_landed_from_the_next_mission_is_load
     flight.until(lambda: flight.state.state in (State.OUTREACH, State.MISSION))
     assert flight.end() == "MISSION_ENDED"
     assert flight.requests() == WHOLE * 2
+
+
+# --- what has a limit -------------------------------------------------------------------------------------------------
+
+FOR_EVER = 1000
+
+
+@pytest.mark.parametrize("fault", ["refuses", "ignores"])
+def test_a_landing_that_it_does_not_begin_after_the_last_waypoint_is_asked_for_again(make, fault):
+    flight = make(mission_planner={fault: {LAND: 1}})
+    flight.end()
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert flight.requests() == [ARM, TAKEOFF, LAND, LAND, DISARM]
+
+
+@pytest.mark.parametrize("fault", ["refuses", "ignores"])
+def test_a_sequencer_that_does_not_land_after_the_last_waypoint_has_failed(make, fault):
+    flight = make(mission_planner={fault: {LAND: FOR_EVER}})
+    flight.until(lambda: LAND in flight.requests())
+    began_ns = flight.t_ns
+    flight.until(lambda: flight.state.state is State.LAND)
+    assert flight.t_ns - began_ns <= 2 * S
+    assert flight.requests()[:4] == [ARM, TAKEOFF, LAND, LAND]
+    assert flight.planner[-1].message == "its sequencer does not land"
+    flight.until(lambda: not flight.vehicle.armed)
+    flight.end()
+    assert flight.state.session.result is Result.LANDED_EARLY
+
+
+def test_an_answer_that_comes_late_finds_a_landing_that_was_asked_for_twice(make):
+    flight = make()
+    flight.until(lambda: LAND in flight.requests())
+    assert planner(flight)._phase is P.FLYING
+    planner(flight)._repeat_landing(planner(flight)._land_until_ns)  # before it is heard
+    flight.end()
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert flight.requests() == [ARM, TAKEOFF, LAND, LAND, DISARM]
+
+
+def test_a_landing_that_the_peers_node_did_not_hear_of_is_asked_for_again(make):
+    flight = make(mission_planner={"ignores": {LAND: 1}})
+    flight.until(lambda: LAND in flight.requests())
+    flight.restart(S)
+    flight.end()
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert flight.requests() == [ARM, TAKEOFF, LAND, LAND, DISARM]
+
+
+@pytest.mark.parametrize(
+    "fault", [{"ignores": {"waypoint_list": 1}}, {"climbs_for_ever": True}, {"skips": (1, 2, 3, 4)}], ids=str
+)
+def test_a_sequencer_that_flies_no_waypoint_has_failed_after_the_duration_of_the_mission(make, fault):
+    flight = make(mission_planner=fault)
+    flight.until(lambda: flight.state.state is State.MISSION)
+    began_ns = flight.t_ns
+    flight.until(lambda: flight.state.state is State.LAND)
+    assert (flight.t_ns - began_ns) / S == pytest.approx(60, abs=5)  # of a mission that is shorter
+    assert flight.planner[-1].message == "its sequencer has said nothing new for 60 s"
+    flight.end()
+    assert not flight.vehicle.armed
+    assert flight.state.session.result is Result.LANDED_EARLY
+
+
+def test_a_hold_is_no_time_of_the_mission(make):
+    flight = make()
+    flying(flight)
+    for _ in range(2):
+        flight.ask(UserCommand.HOLD)
+        flight.run(50 * S)
+        assert planner(flight)._phase is P.HOLDING
+        flight.ask(UserCommand.RESUME)
+        flight.run(S // 2)
+    flight.end()
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+
+
+def test_a_landing_that_does_not_come_down_has_a_limit(make, configuration):
+    flight = make(mission_planner={"lands_not": True})
+    flight.until(lambda: planner(flight)._phase is P.LANDING)
+    began_ns = flight.t_ns
+    flight.until(lambda: flight.state.state is State.LAND)
+    assert flight.t_ns - began_ns == pytest.approx(configuration.rules.limits.land_limit_ns, abs=S)
+    flight.until(lambda: not flight.vehicle.armed)
+    flight.end()
+    assert flight.state.session.result is Result.LANDED_EARLY

@@ -5,7 +5,8 @@ Our commands become its requests, its pairs (response, completed) become our pha
 * ARM is never refused, a refusing autopilot is asked for ever: our limit ends it with DISARM.
 * ABORT does nothing in flight: it is never sent; DISARM before its takeoff, LAND after it.
 * Waypoints out of its bounds are skipped without a word: they are checked before they are sent, and counted on the way.
-* After the last waypoint it hovers: LAND is sent, and on the ground DISARM.
+* After the last waypoint it hovers: LAND is sent, once more where it does not begin, and on the ground DISARM.
+* A list of waypoints is not answered: where nothing new is said for the duration of the mission, that is FAILED.
 * HOLD would interrupt its landing: it is not sent once a landing was asked for.
 * Taken over by a pilot, or failed, it stays in its mission, also on the ground: the next load ends that first.
 * A request with another id than the mission's is answered to nobody: the id is that of the loaded mission.
@@ -30,7 +31,7 @@ _S = 1_000_000_000
 _REPLY_EARLY = 0.8
 _SAME_M = 0.05
 _HEADING_AGE_NS = _S
-_UNKNOWN_FLIGHT_NS = 60 * _S
+_LEAST_FLIGHT_NS = 60 * _S
 _GONE_NS, _COMES_NS = 6 * _S // 10, 3 * _S  # without a publisher of answers: in flight; after this process has begun
 _LAST_ID = 255
 _P = MissionPhase
@@ -84,7 +85,10 @@ class Sequencer(Peer):
         self._rhythm = Rhythm(rate_hz)
         self._heading: Optional[Tuple[int, float]] = None
         self._restored = False
-        self._unheard_ns: Optional[int] = None  # when the end of the mission must have been missed
+        self._quiet_ns, self._counted_ns = 0, 0  # of a flight, in which nothing new was said; counted up to then
+        self._heard_ns = 0
+        self._land_until_ns: Optional[int] = None  # the LAND after the last waypoint must have begun
+        self._land_repeated = False
         self._gone_ns: Optional[int] = None  # when it counts as gone unless it is there again
         self.alive = True
 
@@ -125,6 +129,9 @@ class Sequencer(Peer):
         self._arming_ns = None if arming_ns is None else int(arming_ns)
         self._landing, self._gone_ns = bool(kept["landing"]), t_ns + _COMES_NS
         self._restored = True
+        self._counted_ns = t_ns
+        if self._landing and self._phase in (_P.FLYING, _P.HOLDING):  # whether it has begun was not heard
+            self._land_until_ns = t_ns + _COMES_NS
         if self._phase is _P.TAKING_OFF and self._asked is Request.TAKEOFF:
             self._fail("started again during the takeoff, whose end its sequencer says once")
 
@@ -156,8 +163,7 @@ class Sequencer(Peer):
         if request is None:
             return replied(command, t_ns)
         self._ask(request)
-        until_ns = t_ns + round(self._limits.command_reply_limit_ns * _REPLY_EARLY)
-        self._waiting.append((request, command, until_ns))
+        self._waiting.append((request, command, t_ns + self._reply_ns()))
         return None
 
     def _refusal(self, command: MissionCommand) -> str:
@@ -212,7 +218,7 @@ class Sequencer(Peer):
             return problem
         if self._phase in _IN_FLIGHT:  # no more than DISARM was missed: the engine loads on the ground alone
             self._ask(Request.DISARM)
-        self._restored, self._unheard_ns = False, None
+        self._restored, self._land_until_ns, self._quiet_ns = False, None, 0
         self._loaded, self._id = command, int(command.mission_id)
         self._phase, self._message, self._reached = _P.LOADED, "", 0
         self._asked = self._arming_ns = None
@@ -280,6 +286,7 @@ class Sequencer(Peer):
 
     def hear(self, t_ns: int, key: str, message: Any) -> None:
         """Take an answer, or a waypoint that was reached."""
+        self._heard_ns = t_ns
         if key == "waypoint_reached":
             self._reach(message.waypoint)
             return
@@ -303,7 +310,7 @@ class Sequencer(Peer):
         found = next((number for number, point in ahead if dist(point[0], place) <= _SAME_M), None)
         if found is None or self._phase not in _IN_FLIGHT:
             return
-        self._restored, self._unheard_ns = False, None  # what comes after this is heard
+        self._restored, self._quiet_ns = False, 0  # what comes after this is heard
         if found > self._reached:
             self._message = f"its sequencer has skipped waypoint {self._reached + 1}"
         self._reached = found + 1
@@ -313,7 +320,7 @@ class Sequencer(Peer):
         if self._landing:
             self._ask(Request.DISARM)
             return
-        self._asked = Request.TAKEOFF
+        self._asked, self._quiet_ns = Request.TAKEOFF, 0
         self._ask(Request.TAKEOFF)
 
     def _not_armed(self) -> None:
@@ -323,7 +330,7 @@ class Sequencer(Peer):
     def _at_height(self) -> None:
         if self._landing:
             return
-        self._phase = _P.FLYING
+        self._phase, self._quiet_ns = _P.FLYING, 0
         self._sent_in_hold = any(request is Request.HOLD for request, _, _ in self._waiting)
         self._send_waypoints()
 
@@ -345,6 +352,8 @@ class Sequencer(Peer):
         if self._phase is _P.FLYING:
             self._landing = True
             self._ask(Request.LAND)
+            if self._plan() is not None:  # in a recording others ask
+                self._land_until_ns, self._land_repeated = self._heard_ns + self._reply_ns(), False
 
     def _held(self) -> None:
         if self._phase in (_P.TAKING_OFF, _P.FLYING):
@@ -360,11 +369,13 @@ class Sequencer(Peer):
 
     def _lands(self) -> None:
         self._enter(_P.LANDING)
-        self._restored = False  # what comes after this is heard
+        self._restored, self._land_until_ns, self._quiet_ns = False, None, 0
 
     def _land_refused(self) -> None:
         if self._ending and self._phase is not _P.LANDING:  # it has landed already, or was started again
             self._ask(Request.DISARM)
+        elif self._land_until_ns is not None:
+            self._land_until_ns = self._heard_ns
 
     def _down_there(self) -> None:
         self._lands()
@@ -389,7 +400,14 @@ class Sequencer(Peer):
             self._phase, self._message = phase, ""
 
     def _fail(self, message: str) -> None:
-        self._phase, self._message = _P.FAILED, message
+        self._phase, self._message, self._land_until_ns = _P.FAILED, message, None
+
+    def _plan(self) -> Optional[MissionPlan]:
+        """Return the mission that is loaded; None: none, or that of a recording."""
+        return None if self._loaded is None else self._plans.get(self._loaded.mission_id)
+
+    def _reply_ns(self) -> int:
+        return round(self._limits.command_reply_limit_ns * _REPLY_EARLY)
 
     # --- time -----------------------------------------------------------------------------------------------------
 
@@ -411,18 +429,41 @@ class Sequencer(Peer):
 
     def _miss(self, t_ns: int) -> None:
         """Notice in flight that nobody says what comes next: nobody is there, or it was said while we were not."""
-        if self._restored and self._phase is _P.FLYING and self._loaded is not None:
-            if self._unheard_ns is None:
-                duration_s = self._plans[self._loaded.mission_id].mission.estimated_duration_s
-                self._unheard_ns = t_ns + (_UNKNOWN_FLIGHT_NS if duration_s is None else round(duration_s * _S))
-            elif t_ns >= self._unheard_ns:
-                self._fail("its sequencer has said nothing since this node was started again")
+        self._repeat_landing(t_ns)
+        limit_ns = self._quiet_limit_ns()
+        if limit_ns is not None:
+            self._quiet_ns += t_ns - self._counted_ns
+            if self._quiet_ns >= limit_ns:
+                again = "since this node was started again" if self._restored else f"new for {limit_ns / _S:.0f} s"
+                self._fail(f"its sequencer has said nothing {again}")
+        self._counted_ns = t_ns
         if self.alive:
             self._gone_ns = None
         elif self._gone_ns is None:
             self._gone_ns = t_ns + _GONE_NS
         elif t_ns >= self._gone_ns and self._phase in _IN_FLIGHT:
             self._fail("its sequencer is gone")
+
+    def _repeat_landing(self, t_ns: int) -> None:
+        """Ask once more for the landing after the last waypoint; then somebody else has to land."""
+        if self._land_until_ns is None or t_ns < self._land_until_ns:
+            return
+        if self._land_repeated:
+            self._fail("its sequencer does not land")
+            return
+        self._land_until_ns, self._land_repeated = t_ns + self._reply_ns(), True
+        self._ask(Request.LAND)
+
+    def _quiet_limit_ns(self) -> Optional[int]:
+        """Return how long it may say nothing new; None: for as long as it likes, as in a hold: that has an end."""
+        plan = self._plan()
+        if plan is None:
+            return None
+        if self._phase is _P.LANDING:
+            return self._limits.land_limit_ns
+        if self._phase is _P.FLYING or (self._phase is _P.TAKING_OFF and self._asked is Request.TAKEOFF):
+            return max(_LEAST_FLIGHT_NS, round((plan.mission.estimated_duration_s or 0.0) * _S))
+        return None
 
     def _status(self, t_ns: int) -> MissionStatus:
         loaded, many = self._loaded, len(self._points)
