@@ -305,3 +305,58 @@ def test_a_landing_that_does_not_come_down_has_a_limit(make, configuration):
     flight.until(lambda: not flight.vehicle.armed)
     flight.end()
     assert flight.state.session.result is Result.LANDED_EARLY
+
+
+# --- waypoints that it skips ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [Flight, Late])
+@pytest.mark.parametrize(
+    "skips, words, result",
+    [
+        ((2,), "waypoint 2", Result.COMPLETE),
+        ((2, 3), "waypoints 2, 3", Result.COMPLETE),
+        ((1, 3), "waypoints 1, 3", Result.COMPLETE),
+        ((4,), "waypoint 4", Result.LANDED_EARLY),
+        ((1, 3, 4), "waypoints 1, 3, 4", Result.LANDED_EARLY),
+    ],
+)
+def test_all_waypoints_that_it_skips_are_named_and_without_the_last_one_nothing_is_complete(
+    make, kind, skips, words, result
+):
+    flight = make(kind, mission_planner={"skips": skips})
+    flight.end()
+    assert flight.planner[-1].message == f"its sequencer has skipped {words}"
+    assert flight.state.session.result is result
+
+
+@pytest.mark.parametrize("command", [UserCommand.LAND, UserCommand.ABORT])
+def test_waypoints_that_a_landing_leaves_out_are_not_skipped(make, command):
+    flight = make()
+    flying(flight)
+    flight.ask(command)
+    flight.end()
+    assert {status.message for status in flight.planner} == {""}
+
+
+def test_a_last_waypoint_that_is_heard_after_the_end_was_not_skipped(make):
+    flight = make()
+    node = flight.nodes["mission_planner"]
+    flight.until(lambda: node._told == 3)
+    point = dict(node._points[3])
+    node._points[3] = {**node._points[3], "x": 1000.0}  # what it says of it now is not understood
+    flight.until(lambda: planner(flight)._phase is P.LANDING)
+    flight.run(S // 5)
+    assert flight.planner[-1].message == "its sequencer has skipped waypoint 4"
+    planner(flight).hear(flight.t_ns, "waypoint_reached", namespace({"waypoint": point}))
+    flight.end()
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert flight.planner[-1].message == ""
+
+
+def test_what_was_skipped_is_known_to_a_peers_node_that_is_started_again(make):
+    flight = make(mission_planner={"skips": (1, 3)})
+    flight.until(lambda: planner(flight)._reached == 2)
+    flight.restart(S // 2)
+    flight.end()
+    assert flight.planner[-1].message == "its sequencer has skipped waypoints 1, 3"

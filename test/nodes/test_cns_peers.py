@@ -22,6 +22,7 @@ from amaze_autonomy.cns.peers import Folder
 from amaze_autonomy.cns.sequencer import Sequencer
 from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS
 from amaze_autonomy.config import load_configuration
+from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 from amaze_autonomy.interface import SERVICES as OURS
 from amaze_autonomy.interface import STATUSES
 from amaze_autonomy.monitoring.specs import EstimateSource
@@ -207,6 +208,19 @@ def test_waypoints_count_from_where_it_started_and_nothing_else_may_be_asked_for
         node._peer("mission_planner")
     right = "leave it out: waypoints count from where it started, which is 1 in its message"
     assert str(error.value) == f"~waypoint_reference is {value!r}; {right}"
+
+
+# --- what its log tells -----------------------------------------------------------------------------------------------
+
+
+def test_what_the_planner_says_is_told_in_the_log_once(monkeypatch):
+    told = []
+    monkeypatch.setattr(rospy, "logwarn", lambda text, *values: told.append(text % values))
+    node = CnsPeersNode.__new__(CnsPeersNode)
+    node._planner_said = ""
+    for message in ("", "it has skipped waypoint 2", "it has skipped waypoint 2", "", "it is gone"):
+        node._tell(MissionStatus(t_ns=0, session_id="s", mission_id="1", phase=MissionPhase.FLYING, message=message))
+    assert told == ["mission planner: it has skipped waypoint 2", "mission planner: it is gone"]
 
 
 # --- heading ----------------------------------------------------------------------------------------------------------

@@ -74,6 +74,8 @@ class Sequencer(Peer):
         self._id = 0
         self._points: Tuple[Tuple[Point, float, float], ...] = ()
         self._reached = 0
+        self._skipped: List[int] = []  # numbers of waypoints
+        self._flown_out = False  # it has said that its mission is over
         self._before_hold = _P.FLYING
         self._sent_in_hold = False  # waypoints, while a hold was under way
         self._arming_ns: Optional[int] = None
@@ -102,6 +104,7 @@ class Sequencer(Peer):
             "points": self._points,
             "phase": [self._phase.name, self._before_hold.name, self._message],
             "reached": self._reached,
+            "skipped": self._skipped,
             "asked": None if asked is None else asked.name,
             "arming_ns": self._arming_ns,
             "landing": self._landing,
@@ -128,6 +131,7 @@ class Sequencer(Peer):
         self._asked = None if asked is None else Request[asked]
         self._arming_ns = None if arming_ns is None else int(arming_ns)
         self._landing, self._gone_ns = bool(kept["landing"]), t_ns + _COMES_NS
+        self._skipped = [int(number) for number in kept["skipped"]]
         self._restored = True
         self._counted_ns = t_ns
         if self._landing and self._phase in (_P.FLYING, _P.HOLDING):  # whether it has begun was not heard
@@ -222,7 +226,8 @@ class Sequencer(Peer):
         self._loaded, self._id = command, int(command.mission_id)
         self._phase, self._message, self._reached = _P.LOADED, "", 0
         self._asked = self._arming_ns = None
-        self._landing = self._sent_in_hold = self._ending = False
+        self._landing = self._sent_in_hold = self._ending = self._flown_out = False
+        self._skipped = []
         return ""
 
     def _may_be_in_its_last(self) -> bool:
@@ -311,9 +316,17 @@ class Sequencer(Peer):
         if found is None or self._phase not in _IN_FLIGHT:
             return
         self._restored, self._quiet_ns = False, 0  # what comes after this is heard
-        if found > self._reached:
-            self._message = f"its sequencer has skipped waypoint {self._reached + 1}"
+        # A last one may be heard on its own topic after the end of the mission: it was not skipped.
+        self._skip([number for number in self._skipped if number <= self._reached], self._reached, found)
         self._reached = found + 1
+
+    def _skip(self, before: List[int], begin: int, end: int) -> None:
+        """Say which waypoints were skipped: those of before, and those between two."""
+        skipped = [*before, *range(begin + 1, end + 1)]
+        if skipped != self._skipped:
+            many = "waypoints" if len(skipped) > 1 else "waypoint"
+            numbers = ", ".join(map(str, skipped))
+            self._skipped, self._message = skipped, f"its sequencer has skipped {many} {numbers}" if skipped else ""
 
     def _armed(self) -> None:
         self._arming_ns = None
@@ -350,7 +363,7 @@ class Sequencer(Peer):
     def _flown(self) -> None:
         """Land after the last waypoint: it would hover."""
         if self._phase is _P.FLYING:
-            self._landing = True
+            self._landing = self._flown_out = True
             self._ask(Request.LAND)
             if self._plan() is not None:  # in a recording others ask
                 self._land_until_ns, self._land_repeated = self._heard_ns + self._reply_ns(), False
@@ -369,6 +382,9 @@ class Sequencer(Peer):
 
     def _lands(self) -> None:
         self._enter(_P.LANDING)
+        if self._flown_out and self._phase is _P.LANDING:  # not before: the last one may be heard after the end
+            self._skip(self._skipped, self._reached, len(self._points))
+            self._flown_out = False
         self._restored, self._land_until_ns, self._quiet_ns = False, None, 0
 
     def _land_refused(self) -> None:

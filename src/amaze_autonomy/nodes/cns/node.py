@@ -41,7 +41,7 @@ from amaze_autonomy.cns.peers import (
 )
 from amaze_autonomy.cns.sequencer import ANYWHERE, Bounds, Sequencer
 from amaze_autonomy.config import Configuration
-from amaze_autonomy.engine.events import CheckReply, Event, Reply
+from amaze_autonomy.engine.events import CheckReply, Event, MissionStatus, Reply
 from amaze_autonomy.interface import SERVICES as OURS
 from amaze_autonomy.interface import STATUSES, Service, status_of
 from amaze_autonomy.monitoring.readings import estimate_reader
@@ -92,6 +92,7 @@ class CnsPeersNode:
         self._replies: Dict[int, Event] = {}
         self._number = 0
         self._ended = False
+        self._planner_said = ""
         self._workers = Workers("cns")
         self._estimator = Estimator(configuration, clock)
         master, me = rosgraph.get_master_uri(), rospy.get_name()
@@ -218,10 +219,19 @@ class CnsPeersNode:
                     self._replies[event.command_id] = event
                     self._changed.notify_all()
                 else:
+                    self._tell(event)
                     message = status_message(event, self._clock.ros_ns())
                     self._statuses[status_of(event).topic].publish(message)
             self._send(name)
         self._memory.keep(now_ns, self._peers)
+
+    def _tell(self, event: Event) -> None:
+        """Tell a person what the planner says, once: that waypoints were skipped ends no flight."""
+        if not isinstance(event, MissionStatus) or event.message == self._planner_said:
+            return
+        self._planner_said = event.message
+        if event.message:
+            rospy.logwarn("mission planner: %s", event.message)
 
     def _notice(self, name: str, peer: Peer) -> None:
         """Notice whether anybody is there to say what comes next."""
