@@ -569,6 +569,25 @@ def test_the_hover_at_the_end_of_a_mission_is_no_hold_of_its_list(hover_at_end_s
     assert serving.reached == pytest.approx(turned(LINE.waypoints))
 
 
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("place", range(5))
+def test_a_list_with_a_number_that_is_none_is_not_taken_and_said(number, place):
+    wrong = list(POINTS[1])
+    wrong[place] = number
+    serving = Serving()
+    serving.give([POINTS[0], wrong])
+    assert serving.notices == ["waypoints are not taken: waypoint 2 has a number that is not finite"]
+    serving.ask(R.ARM)
+    serving.ask(R.TAKEOFF)
+    serving.until_answer(R.TAKEOFF, A.REFUSED)
+    assert serving.loads == []
+    serving.give()
+    serving.give([wrong], action=1)  # what was given before stays
+    serving.ask(R.TAKEOFF)
+    serving.until_answer(R.TAKEOFF, A.COMPLETED)
+    assert len(serving.loads[0].waypoints) == len(POINTS)
+
+
 def test_a_list_before_the_takeoff_is_flown_in_the_place_of_the_configured_mission():
     serving = Serving(LINE)
     serving.give(POINTS[:2])

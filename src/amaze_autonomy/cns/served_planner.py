@@ -22,7 +22,7 @@ from __future__ import annotations
 import enum
 import re
 from dataclasses import dataclass, replace
-from math import degrees, dist, pi, radians, remainder
+from math import degrees, dist, isfinite, pi, radians, remainder
 from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from amaze_autonomy.engine.commands import AutopilotLand, MissionAction, MissionCommand
@@ -296,6 +296,9 @@ class ServedPlanner(Served):
         if _FRAMES[reference] is None:
             return f"{reference.name} is along axes of the estimator, which need not be east and north; LOCAL is taken"
         given = tuple(Waypoint(each.x, each.y, each.z, radians(each.yaw), each.holdtime) for each in message.waypoints)
+        for number, each in enumerate(given, start=1):
+            if not all(map(isfinite, (each.x_m, each.y_m, each.z_m, each.yaw_rad, each.hold_s))):
+                return f"waypoint {number} has a number that is not finite"
         if self.stage in _IN_AIR and self._list_until_ns is None:
             return self._fly_list(given)
         idx, many = int(message.idx), len(self._list)
