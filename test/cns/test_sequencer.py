@@ -20,36 +20,6 @@ LATENCY_NS = 40 * MS  # of 1 to 60 ms
 HEIGHT = {"request": {"id": 1, "request": TAKEOFF}, "response": False, "completed": True}
 
 
-class Late(Flight):
-    """A flight in which whatever its sequencer says or is asked is under way for a time."""
-
-    def __init__(self, *args, **more):
-        self.down, self.up = [], []
-        super().__init__(*args, **more)
-
-    def _exchange(self, t_ns, name):
-        if name != "mission_planner":
-            super()._exchange(t_ns, name)
-            return
-        node, peer = self.nodes[name], self.peers[name]
-        while self.up and self.up[0][0] <= t_ns:
-            _, key, fields = self.up.pop(0)
-            node.take(t_ns, key, fields)
-        node.step(t_ns)
-        said, node.said = node.said, []
-        self.down += [(t_ns + LATENCY_NS, key, fields) for key, fields in said]
-        while self.down and self.down[0][0] <= t_ns:
-            _, key, fields = self.down.pop(0)
-            peer.hear(t_ns, key, namespace(fields))
-
-    def _send(self, t_ns, name):
-        if name != "mission_planner":
-            super()._send(t_ns, name)
-            return
-        outbox, self.peers[name].outbox = self.peers[name].outbox, []
-        self.up += [(t_ns + LATENCY_NS, each.key, dict(each.fields)) for each in outbox]
-
-
 @pytest.fixture(scope="module")
 def configuration(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cns")
@@ -59,8 +29,8 @@ def configuration(tmp_path_factory):
 
 @pytest.fixture
 def make(configuration):
-    def flight(kind=Flight, **faults):
-        return kind(configuration, watchdog={"entities": ENTITIES}, **faults)
+    def flight(**faults):
+        return Flight(configuration, watchdog={"entities": ENTITIES}, **faults)
 
     return flight
 
@@ -79,8 +49,8 @@ def planner(flight):
 
 @pytest.mark.parametrize("takes_in_hold", [False, True])
 def test_a_hold_that_crosses_the_end_of_the_takeoff_is_resumed_to_the_mission(make, takes_in_hold):
-    flight = make(Late, mission_planner={"takes_in_hold": takes_in_hold})
-    flight.until(lambda: any(fields == HEIGHT for _, _, fields in flight.down))
+    flight = make(latency_ns=LATENCY_NS, mission_planner={"takes_in_hold": takes_in_hold})
+    flight.until(lambda: any(fields == HEIGHT for *_, fields in flight._to_peer["mission_planner"]))
     assert (flight.state.state, planner(flight)._phase) == (State.MISSION, P.TAKING_OFF)
     flight.ask(UserCommand.HOLD)
     flight.run(2 * S)
@@ -92,7 +62,7 @@ def test_a_hold_that_crosses_the_end_of_the_takeoff_is_resumed_to_the_mission(ma
 
 
 def test_waypoints_that_were_taken_are_not_sent_again_after_a_hold(make):
-    flight = make(Late)
+    flight = make(latency_ns=LATENCY_NS)
     flight.until(lambda: planner(flight)._phase is P.FLYING)
     flight.run(200 * MS)  # on its way to the first one
     flight.ask(UserCommand.HOLD)
@@ -104,7 +74,7 @@ def test_waypoints_that_were_taken_are_not_sent_again_after_a_hold(make):
 
 
 def test_a_hold_while_a_resume_is_under_way_is_asked_for(make):
-    flight = make(Late)
+    flight = make(latency_ns=LATENCY_NS)
     flying(flight)
     flight.ask(UserCommand.HOLD)
     flight.run(3 * S)
@@ -123,7 +93,7 @@ def test_a_hold_while_a_resume_is_under_way_is_asked_for(make):
 
 
 def test_a_resume_while_a_hold_is_under_way_is_asked_for(make):
-    flight = make(Late)
+    flight = make(latency_ns=LATENCY_NS)
     flying(flight)
     flight.ask(UserCommand.HOLD)
     flight.run(20 * MS)
@@ -310,7 +280,7 @@ def test_a_landing_that_does_not_come_down_has_a_limit(make, configuration):
 # --- waypoints that it skips ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", [Flight, Late])
+@pytest.mark.parametrize("latency_ns", [0, LATENCY_NS])
 @pytest.mark.parametrize(
     "skips, words, result",
     [
@@ -322,9 +292,9 @@ def test_a_landing_that_does_not_come_down_has_a_limit(make, configuration):
     ],
 )
 def test_all_waypoints_that_it_skips_are_named_and_without_the_last_one_nothing_is_complete(
-    make, kind, skips, words, result
+    make, latency_ns, skips, words, result
 ):
-    flight = make(kind, mission_planner={"skips": skips})
+    flight = make(latency_ns=latency_ns, mission_planner={"skips": skips})
     flight.end()
     assert flight.planner[-1].message == f"its sequencer has skipped {words}"
     assert flight.state.session.result is result
