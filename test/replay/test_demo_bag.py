@@ -6,7 +6,7 @@ from dataclasses import replace as changed
 from pathlib import Path
 
 import pytest
-from replay_bags import START_NS, S
+from replay_bags import START_NS, S, write_bag
 from replay_demo import demo_bag, simulated
 from replay_runs import CONFIG, moves, replay, texts
 
@@ -207,3 +207,87 @@ def test_a_selection_leads_until_its_flight_has_taken_off(flown):
     log = FlightLog("s", selections, (evolve(takes_off, t_ns=20),))
     assert [selection_of(log, t_ns) for t_ns in (0, 10, 20, 30, 60)] == [1, 1, 1, 50, 50]
     assert selection_of(changed(log, events=selections[:1]), 30) is None
+
+
+JOURNAL = "/autonomy/journal"
+
+
+def bag_without(path, lines, numbers):
+    """Write the bag of a flight whose recorder lost some lines of the journal."""
+
+    def written(at, rows):
+        return write_bag(at, [row for row in rows if row[1] != JOURNAL or row[2].sequence not in numbers])
+
+    return demo_bag(path, lines, written=written)
+
+
+def numbers_of(lines, *words):
+    return [number for number, line in enumerate(lines) if any(word in line for word in words)]
+
+
+def told(path, capsys):
+    """Return the status of a run, what of the bag it says to be damaged, and what it says of the flight's decisions."""
+    status = main(["run", str(path), "--map", "amaze_demo"])
+    out = capsys.readouterr().out.splitlines()
+    return status, [line for line in out if line.startswith("DAMAGED")], out[-2:]
+
+
+def test_a_lost_decision_of_the_flight_is_said_and_is_no_other_decision(tmp_path, flown, capsys):
+    (lost,) = numbers_of(flown, '"rule":"at_takeoff_height"')
+    status, damaged, last = told(bag_without(tmp_path / "x.bag", flown, [lost]), capsys)
+    assert status == 3
+    assert len(damaged) == 1
+    assert damaged[0].startswith(f"DAMAGED: {JOURNAL}: line {lost + 1} is missing, +")
+    assert damaged[0].endswith(" s: what was asked and decided there is unknown")
+    assert last[0].startswith("In flight the same ")
+    assert last[0].endswith("; those after the first lost line of its journal were not compared.")
+    assert "counterfactual" not in last[1]
+
+
+def test_another_decision_before_the_lost_line_is_still_named(tmp_path, flown):
+    (lost,) = numbers_of(flown, '"rule":"mission_complete"')
+    path = bag_without(tmp_path / "x.bag", flown, [lost])
+    outcome, recordings = replay(path, "amaze_demo", overrides=["autonomy.require_go=true"])
+    assert outcome.parting.number == 2
+    assert len(recordings.problems) == 1
+
+
+def test_a_log_without_the_selection_does_not_lead_and_that_is_said(tmp_path, flown, capsys):
+    asked = numbers_of(flown, '"event":"MissionSelected","kind":"event"')
+    status, damaged, last = told(bag_without(tmp_path / "x.bag", flown, asked), capsys)
+    assert status == 3
+    assert f"DAMAGED: {JOURNAL}: no line of it selects a mission, what was asked is scripted" in damaged
+    assert "In flight the same" not in last[0]
+    assert "ends in DATA_CLEANUP" in last[1]
+
+
+def test_a_part_that_ends_before_the_lost_line_is_whole(tmp_path, flown, capsys):
+    (lost,) = numbers_of(flown, '"rule":"mission_complete"')
+    path = bag_without(tmp_path / "x.bag", flown, [lost])
+    assert main(["run", str(path), "--map", "amaze_demo", "--to", "20"]) == 0
+    assert "DAMAGED" not in capsys.readouterr().out
+
+
+def test_a_message_of_the_journal_that_cannot_be_read_costs_that_line(tmp_path, flown, capsys):
+    path = demo_bag(tmp_path / "x.bag", flown)
+    content = bytearray(path.read_bytes())
+    begin = content.rfind(b'{"after"', 0, content.find(b'"rule":"at_takeoff_height"'))
+    content[begin - 4 : begin] = b"\xff\xff\xff\x7f"  # the length of the line
+    path.write_bytes(content)
+    status, damaged, last = told(path, capsys)
+    assert status == 3
+    assert "is missing, +" in damaged[0]
+    assert damaged[1].startswith(f"DAMAGED: 1 messages of {JOURNAL} from +")
+    assert "counterfactual" not in last[1]
+    assert main(["journal", str(path)]) == 2
+    assert f"{path}: a message of {JOURNAL} cannot be read (" in capsys.readouterr().err
+
+
+def test_a_line_of_the_journal_that_nobody_knows_costs_that_line(tmp_path, flown, capsys):
+    path = demo_bag(tmp_path / "x.bag", flown)
+    path.write_bytes(path.read_bytes().replace(b'"event":"WatchdogInfo"', b'"event":"WatchdogInfX"', 1))
+    status, damaged, last = told(path, capsys)
+    assert status == 3
+    assert len(damaged) == 1
+    assert damaged[0].startswith(f"DAMAGED: {JOURNAL}: a line cannot be read: line ")
+    assert "counterfactual" not in last[1]

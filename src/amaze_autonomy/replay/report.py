@@ -92,6 +92,8 @@ def _flown_lines(outcome: Outcome) -> List[str]:
     if parting is None:
         same = min(len(outcome.flown), len(outcome.decisions))
         ends = "" if same == len(outcome.decisions) else "; there its journal ends"
+        if outcome.flown_in_part:
+            ends = "; those after the first lost line of its journal were not compared"
         return [f"In flight the same {same} decisions were made, in the same order{ends}."]
     sides = f"there {_short(parting.flown)}, here {_short(parting.decided)}"
     return [f"Decision {parting.number} is not that of the flight: {sides}."]
@@ -130,7 +132,7 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
         "state": outcome.state.state.value,
         "result": outcome.state.session.result.value,
         "decisions": len(outcome.decisions),
-        "as_flown": None if outcome.flown is None else outcome.parting is None,
+        "as_flown": _as_flown(outcome),
         "start_ns": outcome.start_ns - recordings.shift_ns,
         "end_ns": outcome.end_ns - recordings.shift_ns,
         "begins": _begins(outcome),
@@ -162,6 +164,13 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
         ],
         "timeline": [_line(line, outcome) for line in outcome.timeline],
     }
+
+
+def _as_flown(outcome: Outcome) -> Optional[bool]:
+    """Return whether all decisions are those of the flight; None: it is not known."""
+    if outcome.flown is None or (outcome.flown_in_part and outcome.parting is None):
+        return None
+    return outcome.parting is None
 
 
 def _begins(outcome: Outcome) -> Optional[Dict[str, Any]]:

@@ -82,6 +82,7 @@ class Outcome:
         decisions: that were made.
         flown: those that were made in flight, where its journal is in the recording; None: it is not.
         parting: the first decision that is not one of those; None: all are.
+        flown_in_part: lines of the flight's journal are lost, `flown` ends before the first of them.
         compared: nodes of the recorded flight whose judgement was made anew and compared.
         disagreements: where what they said is not what the recorded sensors say.
         unread: changed keys of the configuration that nothing looked at.
@@ -103,6 +104,7 @@ class Outcome:
     decisions: Tuple[Decision, ...]
     flown: Optional[Tuple[Decision, ...]] = None
     parting: Optional[Parting] = None
+    flown_in_part: bool = False
     compared: Tuple[str, ...] = ()
     disagreements: Tuple[Disagreement, ...] = ()
     unread: Tuple[Unread, ...] = ()
@@ -151,10 +153,13 @@ class Session:
         as_flown = log is not None and log.configuration_hash == plan.configuration_hash
         self._keys = ChangedKeys(plan, () if as_flown else changes)  # what flew by them is not changed by them
         self._rules = self._keys.rules
-        self._at_first = Beginning(recordings.start_ns, airborne=False) if log and not recordings.from_ns else beginning
+        led = log is not None and log.leads and not recordings.from_ns
+        self._at_first = Beginning(recordings.start_ns, airborne=False) if led else beginning
         if self._at_first is None:
             self._at_first = beginning_of(plan, recordings)
         self._log, self._asked_later = self._of_part(log, airborne=self._at_first.airborne)
+        if log is not None:
+            self._tell_lost(log)
         self._lead: Optional[Lead] = lead_of(plan, self._at_first, _WARM_UP_NS) if self._at_first.airborne else None
         self._asked_ns = recordings.start_ns if self._log or self._lead else selected_ns(plan, recordings)
         self._begin_ns = self._beginning()
@@ -279,7 +284,7 @@ class Session:
         """
         start_ns = self._recordings.start_ns
         if log is None or not self._recordings.from_ns:
-            return log, ()
+            return (log if log is not None and log.leads else None), ()
         led_ns = None if airborne else selection_of(log, start_ns)
         if led_ns is None:
             return None, tuple(event for event in log.events if event.t_ns >= start_ns)
@@ -292,11 +297,23 @@ class Session:
         if not topic or topic in self._recordings.missing:
             return None
         log = read_log(tuple(self._recordings.bags), topic)
-        return log if log is not None and log.events else None
+        return log if log is not None and (log.events or log.lost) else None
+
+    def _tell_lost(self, log: FlightLog) -> None:
+        """Say which lines of the flight's journal are lost, of a part of a recording those that matter to it."""
+        start_ns, end_ns = self._recordings.start_ns, self._recordings.end_ns
+        topic = self._plan.topic_map.statuses["journal"]
+        for lost in log.lost:
+            if lost.from_ns <= end_ns and (self._log is not None or lost.to_ns >= start_ns):
+                from_s, to_s = ((t_ns - start_ns) / _S for t_ns in (lost.from_ns, lost.to_ns))
+                words = f"{lost.words}, {from_s:+.3f} s to {to_s:+.3f} s: what was asked and decided there is unknown"
+                self._recordings.tell(f"{topic}: {words}")
+        if not log.leads and not self._recordings.from_ns:
+            self._recordings.tell(f"{topic}: no line of it selects a mission, what was asked is scripted")
 
     def _label(self) -> str:
         """Return the prefix of session ids: that of the flight, or the time of the recording, not of the replay."""
-        if self._log is not None:
+        if self._log is not None and self._log.label:
             return self._log.label
         recorded_ns = self._recordings.start_ns - self._recordings.shift_ns
         start = datetime.fromtimestamp(recorded_ns // _S, tz=timezone.utc)
@@ -465,10 +482,14 @@ class Session:
         end_ns, evidence = self._recordings.end_ns, self._world.evidence
         evidence.end()
         self._world.recorded.end(end_ns)
-        parting = None
+        parting = flown = None
         log = self._log if self._log is not None and (self._log.decisions or not self._recordings.from_ns) else None
-        if log is not None:
-            parting = part(log.decisions, tuple(self._decisions), min(end_ns - _S, log.end_ns))
+        if log is not None and log.known_decisions is None:
+            flown, until_ns = log.decisions, min(end_ns - _S, log.end_ns)
+        elif log is not None and log.known_decisions:
+            flown, until_ns = log.decisions[: log.known_decisions], min(end_ns, log.known_ns) - _S
+        if flown is not None:
+            parting = part(flown, tuple(self._decisions), until_ns)
         missed, since_ns = evidence.action, evidence.counterfactual_ns
         if parting is not None and (since_ns is None or parting.t_ns < since_ns):
             missed, since_ns = None, parting.t_ns
@@ -490,8 +511,9 @@ class Session:
             missed=missed,
             checks=dict(self._world.answers.last),
             decisions=tuple(self._decisions),
-            flown=None if log is None else log.decisions,
+            flown=flown,
             parting=parting,
+            flown_in_part=flown is not None and log is not None and log.known_decisions is not None,
             compared=self._world.recorded.compared,
             disagreements=tuple(self._world.recorded.disagreements),
             unread=self._unread(),

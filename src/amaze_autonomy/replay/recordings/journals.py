@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple, TypeVar
 
 from amaze_autonomy.bags import BagError, Recording
+from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionRejected, MissionSelected, Shutdown, UserRequest
 from amaze_autonomy.engine.state import State, evolve
 
-from ...journal.journal import DeltaDecoder, Journal, JournalError, decode, read
+from ...journal.journal import DeltaDecoder, Journal, JournalError, Payload, decode, read
 from ..errors import JournalGapError, ReplayError
 
 T = TypeVar("T", Event, Decision)
@@ -60,12 +61,17 @@ def _runs(recordings: Sequence[Recording], topic: str, *, strict: bool = True) -
     """Return for each journal its lines by their numbers, each with the time at which it was recorded first.
 
     Raises:
-        JournalGapError: A line is there twice, with two contents; unless it is not `strict`.
-        MessageError: A message is damaged.
+        JournalGapError: A line is there twice, with two contents, or a message is damaged; unless it is not `strict`.
     """
     runs: List[Dict[int, Tuple[int, str]]] = []
     for recording, entry in ((each, entry) for each in recordings for entry in each.entries(topic)):
-        message = recording.message(entry)
+        try:
+            message = recording.message(entry)
+        except MessageError as error:
+            if not strict:  # whoever replays the topic notes it, and its lines are missing
+                continue
+            words = f"{recording.path}: a message of {topic} cannot be read ({error}); take the journal from disk"
+            raise JournalGapError(words) from error
         number, line = int(message.sequence), str(message.line)
         if not runs or (number == 0 and runs[-1].get(0, (0, line))[1] != line):
             runs.append({})  # a new journal; the same line again is a message that was recorded twice
@@ -87,9 +93,14 @@ def _whole(path: Path, run: Dict[int, Tuple[int, str]]) -> List[str]:
 
 
 def _gap(path: Path, first: int, found: int) -> JournalGapError:
-    lines = f"line {first + 1} is" if found - first == 1 else f"lines {first + 1} to {found} are"
     words = "the recording began after the journal" if first == 0 else "messages were lost"
-    return JournalGapError(f"{path}: {lines} missing in the journal, {words}; take the journal from disk")
+    return JournalGapError(
+        f"{path}: {_lines(first, found)} missing in the journal, {words}; take the journal from disk"
+    )
+
+
+def _lines(first: int, found: int) -> str:
+    return f"line {first + 1} is" if found - first == 1 else f"lines {first + 1} to {found} are"
 
 
 def _journal_topic(recording: Recording) -> str:
@@ -115,6 +126,21 @@ _ASKED = (MissionSelected, MissionRejected, UserRequest, Shutdown)
 
 
 @dataclass(frozen=True)
+class Lost:
+    """Lines of the journal that nobody can read.
+
+    Args:
+        words: which, and why.
+        from_ns: they were recorded after that, in the bag's time.
+        to_ns: and before that.
+    """
+
+    words: str
+    from_ns: int
+    to_ns: int
+
+
+@dataclass(frozen=True)
 class FlightLog:
     """What was asked.
 
@@ -125,6 +151,9 @@ class FlightLog:
         end_ns: time of the last event, whatever it is, in the bag's time.
         offset_ns: what was added to the journal's times.
         configuration_hash: of what was flown by; empty: its header is not in the bags.
+        lost: what of the journal is missing or cannot be read.
+        known_decisions: how many of the decisions were made before the first lost line; None: no line is lost.
+        known_ns: time of the last event before that, in the bag's time.
     """
 
     label: str
@@ -133,44 +162,93 @@ class FlightLog:
     end_ns: int = 0
     offset_ns: int = 0
     configuration_hash: str = ""
+    lost: Tuple[Lost, ...] = ()
+    known_decisions: Optional[int] = None
+    known_ns: int = 0
+
+    @property
+    def leads(self) -> bool:
+        """Whether it tells what was asked: where its lines are lost, no flight is led without its selection."""
+        return not self.lost or any(isinstance(event, MissionSelected) for event in self.events)
 
 
 def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLog]:
-    """Return what was asked in a flight; None when the journal is not in its bags.
-
-    Raises:
-        JournalError: A line is damaged.
-        MessageError: A message is damaged.
-    """
-    label = flown_by = ""
-    asked: List[Event] = []
-    made: List[Decision] = []
-    ways: List[int] = []
-    last_ns = 0
+    """Return what was asked in a flight; None when the journal is not in its bags."""
+    reading = _Reading()
     for run in _runs(recordings, topic, strict=False):
-        decoder = DeltaDecoder()
+        reading.take(run)
+    return reading.log()
+
+
+@dataclass
+class _Reading:
+    """A log in the making; times of events are the journal's."""
+
+    label: str = ""
+    flown_by: str = ""
+    asked: List[Event] = field(default_factory=list)
+    made: List[Decision] = field(default_factory=list)
+    ways: List[int] = field(default_factory=list)
+    last_ns: int = 0
+    lost: List[Lost] = field(default_factory=list)
+    known: Optional[Tuple[int, int]] = None  # decisions before the first lost line, and the time of the last event
+
+    def take(self, run: Dict[int, Tuple[int, str]]) -> None:
+        """Take the lines of one journal; those that are missing or cannot be read are noted."""
+        decoder, due = DeltaDecoder(), 0
+        before_ns = min(t_ns for t_ns, _ in run.values())
+        unread: List[Tuple[int, JournalError]] = []
         for number, (t_ns, text) in sorted(run.items()):
+            if number > due:
+                self._lose(Lost(f"{_lines(due, number)} missing", before_ns, t_ns))
+            due, before_ns = number + 1, t_ns
             try:
-                line = decoder.full(text)
-            except JournalError:  # behind lines that were not recorded: a status, which is recorded itself
+                line = decoder.full(text, number + 1)
+            except JournalError as error:
+                if not (self.lost or unread):  # else it is behind a lost line: a status, which is recorded itself
+                    unread.append((t_ns, error))
+                    self._know()
                 continue
-            event = decode(line, number + 1).payload
-            if isinstance(event, Decision):
-                made.append(event)
-            if not isinstance(event, Event):
-                flown_by = flown_by or (str(event.get("hash", "")) if isinstance(event, dict) else "")
-                continue
-            ways.append(t_ns - event.t_ns)
-            last_ns = max(last_ns, event.t_ns)
-            if isinstance(event, EngineStarted) and not label:
-                label = event.label
-            elif isinstance(event, _ASKED):
-                asked.append(event)
-    if not ways:
-        return None
-    offset_ns = min(ways)
-    events, decisions = _moved(asked, offset_ns), _moved(made, offset_ns)
-    return FlightLog(label, events, decisions, last_ns + offset_ns, offset_ns, flown_by)
+            try:
+                self._hear(t_ns, decode(line, number + 1).payload)
+            except JournalError as error:
+                unread.append((t_ns, error))
+                self._know()
+        if unread:
+            count = "a line" if len(unread) == 1 else f"{len(unread)} lines"
+            self._lose(Lost(f"{count} cannot be read: {unread[0][1]}", unread[0][0], unread[-1][0]))
+
+    def log(self) -> Optional[FlightLog]:
+        """Return what was found; None: no event."""
+        if not self.ways:
+            return None
+        offset_ns, lost = min(self.ways), tuple(self.lost)
+        events, decisions = _moved(self.asked, offset_ns), _moved(self.made, offset_ns)
+        log = FlightLog(self.label, events, decisions, self.last_ns + offset_ns, offset_ns, self.flown_by, lost)
+        if self.known is None:
+            return log
+        return replace(log, known_decisions=self.known[0], known_ns=self.known[1] + offset_ns)
+
+    def _hear(self, t_ns: int, payload: Payload) -> None:
+        if isinstance(payload, Decision):
+            self.made.append(payload)
+        elif isinstance(payload, Event):
+            self.ways.append(t_ns - payload.t_ns)
+            self.last_ns = max(self.last_ns, payload.t_ns)
+            if isinstance(payload, EngineStarted) and not self.label:
+                self.label = payload.label
+            elif isinstance(payload, _ASKED):
+                self.asked.append(payload)
+        else:
+            self.flown_by = self.flown_by or str(payload.get("hash", ""))
+
+    def _lose(self, lost: Lost) -> None:
+        self.lost.append(lost)
+        self._know()
+
+    def _know(self) -> None:
+        """Note that the decisions up to here are known all, and those from here on perhaps not."""
+        self.known = self.known or (len(self.made), self.last_ns)
 
 
 def selection_of(log: FlightLog, begin_ns: int) -> Optional[int]:

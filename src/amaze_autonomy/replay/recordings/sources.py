@@ -359,6 +359,11 @@ class Recordings:
         else:
             damage.count, damage.last_ns = damage.count + 1, t_ns
 
+    def tell(self, problem: str) -> None:
+        """Note, once, what else is missing."""
+        if problem not in self.problems:
+            self.problems = (*self.problems, problem)
+
 
 def problems_of(bags: Iterable[Any]) -> Tuple[str, ...]:
     """Return what of opened recordings is missing, one line each: of a file that was not closed, or was cut."""
