@@ -342,6 +342,24 @@ def test_mavlink_in_a_bag_says_the_same_as_the_log(tmp_path):
             assert _without_header(a) == _without_header(b)
 
 
+def test_a_message_of_mavros_that_cannot_be_read_costs_itself(tmp_path):
+    bag = tmp_path / "mavros.bag"
+    _write_bag(bag, recording("px4_offboard.tlog"), limit=600)
+    whole = recordings_of(bag)[1]
+    content = bytearray(bag.read_bytes())
+    frame = whole._frames[300][1]
+    words = _words(frame.payload).tobytes()
+    place = content.find(struct.pack("<I", len(words) // 8) + words)
+    content[place : place + 4] = b"\xff\xff\xff\x7f"
+    bag.write_bytes(content)
+    broken = recordings_of(bag)[1]
+    assert len(broken._frames) == len(whole._frames) - 1
+    assert whole.problem == ""
+    assert broken.problem.startswith("/mavlink/from: 1 messages from +")
+    assert " cannot be read (mavros_msgs/Mavlink cannot be decoded: " in broken.problem
+    assert Recordings([bag], broken.topics[0].name.split()).problems == (broken.problem,)
+
+
 def _without_header(message):
     return repr({**vars(message), "header": None, "_header": None, "_msgbuf": None, "_payload": None})
 

@@ -16,7 +16,6 @@ from types import SimpleNamespace
 from typing import Any, Dict, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
 
 from amaze_autonomy.bags import Entry
-from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.engine.events import Event, MissionPhase
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.interface import STATUSES, status_of
@@ -25,7 +24,7 @@ from ...cns.peers import LandingDetection, Watchdog
 from ...cns.sequencer import Sequencer
 from ...cns.tables import TOPICS, Answer, Request
 from .sources import spans_of
-from .telemetry import Made, header
+from .telemetry import Made, header, messages_of
 
 _S = 1_000_000_000
 _RATE_HZ = 5.0
@@ -88,7 +87,7 @@ def said_of_cns(bags: Sequence[Any]) -> List[str]:
         lines += [f"CNS {topic}: not mapped: its definition is another one than is known" for topic in others]
         lines += [f"CNS {topic.name}: {_OTHERS[topic.kind]}" for topic in bag.topics if topic.kind in _OTHERS]
         if "response" in found:
-            missions = sorted({int(each.request.id) for _, each in _messages(bag, found["response"], [])})
+            missions = sorted({int(each.request.id) for _, each in messages_of(bag, found["response"], [])})
             lines.append(f"CNS missions that were asked for: {', '.join(map(str, missions))} (run --mission)")
         if "log" in found and "heartbeat" not in found:
             lines.append("CNS watchdog: not mapped: without its heartbeat nothing tells that it lives")
@@ -107,7 +106,7 @@ class CnsStatuses(Made):
         self._source = source
         found, _ = _known_topics(source)
         unread: List[str] = []
-        self._heard = {key: _messages(source, topic, unread) for key, topic in found.items()}
+        self._heard = {key: messages_of(source, topic, unread) for key, topic in found.items()}
         #: what is missing, for `sources.problems_of`
         self.problem = "; ".join(unread)
         own = {topic.kind for topic in source.topics}
@@ -200,17 +199,3 @@ class CnsStatuses(Made):
 def _arms(answer: Any) -> bool:
     accepted = (bool(answer.response), bool(answer.completed)) == Answer.ACCEPTED.value
     return accepted and answer.request.request == Request.ARM
-
-
-def _messages(bag: Any, topic: str, unread: List[str]) -> List[Tuple[int, Any]]:
-    """Return the messages of a topic with their times; a line on those that cannot be read is added to `unread`."""
-    found: List[Tuple[int, Any]] = []
-    wrong: List[str] = []
-    for entry in bag.entries(topic):
-        try:
-            found.append((entry.t_ns, bag.message(entry)))
-        except MessageError as error:
-            wrong.append(str(error))
-    if wrong:
-        unread.append(f"{topic}: {len(wrong)} messages cannot be read ({wrong[0]})")
-    return found

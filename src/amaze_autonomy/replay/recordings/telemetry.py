@@ -21,7 +21,7 @@ import numpy as np
 
 from amaze_autonomy.autopilot.link.wire import decode
 from amaze_autonomy.bags import BagError, Entry, Recording, Topic
-from amaze_autonomy.bags.errors import cut_words
+from amaze_autonomy.bags.errors import MessageError, cut_words
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.interface import health_fields, status_of
 
@@ -132,6 +132,22 @@ class Made(abc.ABC):
         self._statuses.append(status(t_ns, vehicle))
 
 
+def messages_of(bag: Any, topic: str, unread: List[str]) -> List[Tuple[int, Any]]:
+    """Return the messages of a topic with their times; a line on those that cannot be read is added to `unread`."""
+    found: List[Tuple[int, Any]] = []
+    wrong: List[Tuple[float, str]] = []
+    for entry in bag.entries(topic):
+        try:
+            found.append((entry.t_ns, bag.message(entry)))
+        except MessageError as error:
+            wrong.append(((entry.t_ns - bag.start_ns) / _S, str(error)))
+    if wrong:
+        (first_s, reason), (last_s, _) = wrong[0], wrong[-1]
+        times = f"from {first_s:+.3f} s to {last_s:+.3f} s"
+        unread.append(f"{topic}: {len(wrong)} messages {times} cannot be read ({reason})")
+    return found
+
+
 class Telemetry(Made):
     """MAVLink frames with their times.
 
@@ -139,10 +155,18 @@ class Telemetry(Made):
         path: of the file that they are from.
         frames: time in ns and frame, in any order.
         counter: of the file's reader, complete when `frames` are used up.
+        unread: messages with frames that cannot be read, a line each topic.
     """
 
-    def __init__(self, path: Path, frames: Iterable[Tuple[int, Frame]], counter: Optional[Counter] = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        frames: Iterable[Tuple[int, Frame]],
+        counter: Optional[Counter] = None,
+        unread: Iterable[str] = (),
+    ) -> None:
         super().__init__(path)
+        self._unread = "; ".join(unread)
         self._frames = sorted(frames, key=lambda each: each[0])
         self._count = counter
         self._read()
@@ -159,10 +183,9 @@ class Telemetry(Made):
     @classmethod
     def of_bag(cls, recording: Recording, topics: Iterable[str]) -> Telemetry:
         """Read the frames that topics of a bag carry."""
-        frames = [
-            (entry.t_ns, _frame_of(recording.message(entry))) for topic in topics for entry in recording.entries(topic)
-        ]
-        return cls(recording.path, frames)
+        unread: List[str] = []
+        said = [each for topic in topics for each in messages_of(recording, topic, unread)]
+        return cls(recording.path, [(t_ns, _frame_of(message)) for t_ns, message in said], unread=unread)
 
     @property
     def count(self) -> Optional[TlogCount]:
@@ -171,9 +194,11 @@ class Telemetry(Made):
 
     @property
     def problem(self) -> str:
-        """What between its records is none; empty: nothing."""
+        """What between its records is none, and which messages with frames cannot be read; empty: nothing."""
         count = self.count
-        stray = 0 if count is None else count.stray_bytes - count.cut_bytes
+        if count is None:
+            return self._unread
+        stray = count.stray_bytes - count.cut_bytes
         return (
             f"{self.path.name}: {stray} bytes between its records are none, what was there is missing" if stray else ""
         )
