@@ -100,6 +100,22 @@ CASES = {
 }
 
 UNFINISHED = {
+    "{expect: never, of: {state: PILOT}, to: 30.0}": (
+        "VACUOUS",
+        "not between +0.000 s and +20.000 s, and the run ends there, before +30.000 s",
+    ),
+    "{expect: never, of: {state: PILOT}, to: 20.9}": ("PASS", "not between +0.000 s and +20.000 s"),  # it is rounded
+    "{expect: never, of: {state: LAND}, to: 30.0}": ("FAIL", "LAND at +14.000 s"),
+    "{expect: always, of: {state: [HOLD, LAND]}, from: 10.4, to: 30.0}": (
+        "VACUOUS",
+        "between +10.400 s and +20.000 s, and the run ends there, before +30.000 s",
+    ),
+    "{expect: count, of: {command: LAND}, at_most: 3, to: 30.0}": (
+        "VACUOUS",
+        "1 times between +0.000 s and +20.000 s, and the run ends there, before +30.000 s",
+    ),
+    "{expect: count, of: {command: LAND}, at_least: 1, to: 30.0}": ("PASS", "1 times between +0.000 s and +20.000 s"),
+    "{expect: count, of: {command: LAND}, at_most: 0, to: 30.0}": ("FAIL", "1 times between +0.000 s and +20.000 s"),
     "{expect: duration, of: {state: HOLD}, at_most_s: 4.0, to: 13.0}": (
         "VACUOUS",
         "2.640 s from +10.360 s, and had not ended at +13.000 s",

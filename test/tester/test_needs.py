@@ -56,6 +56,12 @@ def test_only_the_range_that_is_played_is_looked_at():
     assert result(9.8, 0.2, (0.0, 18.0), "from_s: 18.0\n")[0] != "INCONCLUSIVE"
 
 
+def test_a_range_that_the_recording_does_not_reach_is_inconclusive():
+    assert result(9.8, 0.2, more="to_s: 36.5\n")[0] == "PASS"  # a rounded length
+    words = "to_s is 60.000 s, and the recording ends at +35.980 s"
+    assert result(9.8, 0.2, more="to_s: 60.0\n") == ("INCONCLUSIVE", (words,))
+
+
 def test_what_the_script_plays_until_a_topic_begins_is_not_missing():
     script = "select_at_s: 3.0, sensors_until_s: 18.0"
     assert result(9.8, 0.2, (0.0, 18.0), script=script)[0] == "PASS"

@@ -171,7 +171,7 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
         if not part.samples:
             place = place_of(case.path, ("from_s",), ("to_s",), ("bags",))
             raise ReplayError(f"{place}: there is no message between from_s and to_s")
-        broken = _needs(case, plan, part)
+        broken = [*_too_short(case, recordings), *_needs(case, plan, part)]
         beginning = beginning_of(plan, part)
         acting, requests = _times(case, plan, part)
         part.apply(acting, case.seed)
@@ -250,6 +250,14 @@ def _map(case: Case) -> TopicMap:
         place = place_of(case.path, ("map",), ("matrix", "map"))
         raise ReplayError(f"{place}: map: {name} is no topic map and no file; {meant(name, map_names())}")
     return load_map(name)
+
+
+def _too_short(case: Case, recordings: Recordings) -> List[str]:
+    """Return what is said of a recording that ends before the range that the case tests; a rounded time is none."""
+    length_ns = recordings.end_ns - recordings.start_ns
+    if case.to_ns is None or case.to_ns <= length_ns + _S:
+        return []
+    return [f"to_s is {case.to_ns / _S:.3f} s, and the recording ends at {length_ns / _S:+.3f} s"]
 
 
 def _needs(case: Case, plan: Plan, part: FaultedRecordings) -> List[str]:

@@ -8,6 +8,7 @@ from ...journal.trace import Span, Trace
 from .model import Expectation, Finding, Grade, Moment, Pattern, instants, moments, spans, unwatched
 
 _NS = 1e9
+_ROUNDED_NS = 1_000_000_000  # who writes a time down rounds it
 _DURATIONS = ("at_least_s", "at_most_s")
 _WORST = (Grade.FAIL, Grade.VACUOUS, Grade.PASS)
 
@@ -80,7 +81,20 @@ def judge(expectation: Expectation, trace: Trace, anchors: Mapping[str, Optional
     blind = [name for name in (unwatched(pattern, trace) for _, pattern in expectation.patterns) if name]
     if blind:
         return _finding(expectation, trace, window, _Found(Grade.VACUOUS, f"nobody watched {blind[0]} in this run"))
-    return _finding(expectation, trace, window, _JUDGES[expectation.kind.name](_Look(expectation, trace, window)))
+    found = _JUDGES[expectation.kind.name](_Look(expectation, trace, window))
+    if found.grade is Grade.PASS and _is_open(expectation, trace):
+        there = f"and the run ends there, before {trace.seconds(trace.start_ns + int(expectation.end or 0)):+.3f} s"
+        found = _Found(Grade.VACUOUS, f"{found.text}, {there}")
+    return _finding(expectation, trace, window, found)
+
+
+def _is_open(expectation: Expectation, trace: Trace) -> bool:
+    """Tell whether what was asked to hold until a time could still break after the end of the run."""
+    end = expectation.end
+    if end is None or isinstance(end, str) or trace.start_ns + end <= trace.end_ns + _ROUNDED_NS:
+        return False
+    kind = expectation.kind.name
+    return kind in ("never", "always") or (kind == "count" and expectation.number("at_most") is not None)
 
 
 def _window(expectation: Expectation, trace: Trace, anchors: Mapping[str, Optional[int]]) -> Window | str:
