@@ -80,12 +80,37 @@ def test_a_part_in_the_middle_of_a_flight_begins_in_the_air(two, capsys):
     [
         (["--flight", "3"], "there is no flight 3: the recording tells of 2 armings"),
         (["--flight", "0"], "there is no flight 0: the recording tells of 2 armings"),
+        (["--flights", "--from", "5"], "--flights goes without --from; judge one with --flight N for that"),
+        (
+            ["--flights", "--flight", "1", "--out", "x", "--json", "--to", "9", "--html", "x"],
+            "--flights goes without --to, --flight, --out, --html, --json; judge one with --flight N for that",
+        ),
+        (["--flight", "1", "--to", "9"], "--flight goes without --to; name either"),
         (["--from", "40", "--to", "45"], "there is no message between --from and --to"),
     ],
 )
 def test_what_is_not_there_is_one_clear_error(two, capsys, words, wrong):
     assert main([*two, *words]) == 2
     assert capsys.readouterr().err == f"amaze-replay: {wrong}\n"
+
+
+def test_a_key_that_nothing_looked_at_is_named_for_each_flight(two, capsys):
+    assert main([*two, "--flights", "--set", "autonomy.flight.max_distance_m=50.0"]) == 4
+    _, first, _, other = capsys.readouterr().out.splitlines()
+    words = "  VACUOUS: autonomy.flight.max_distance_m was not looked at: "
+    assert first.startswith(words)
+    assert other.startswith(words)
+    assert main([*two, "--flights", "--set", "autonomy.takeoff.takeoff_height_m=1.1"]) == 0
+
+
+def test_a_key_is_not_looked_at_where_nothing_was_flown(tmp_path, flight_map, capsys):
+    bag = write_bag(tmp_path / "idle.bag", [row for row in flight_rows() if row[0] < START_NS + 5 * S])
+    idle = ["run", str(bag), "--map", flight_map, "--flights"]
+    assert main(idle) == 0
+    assert main([*idle, "--set", "autonomy.takeoff.takeoff_height_m=1.1"]) == 4
+    assert capsys.readouterr().out == 2 * "the recording tells of no arming\n" + (
+        "VACUOUS: autonomy.takeoff.takeoff_height_m was not looked at: the recording tells of no arming\n"
+    )
 
 
 def test_the_real_log_of_an_arducopter_holds_seven_flights(capsys):

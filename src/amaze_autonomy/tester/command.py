@@ -32,7 +32,7 @@ from amaze_autonomy.whole_file import write_whole
 from ..journal.journal import JournalError
 from ..pages.document import PageError, need_plots
 from ..replay.beginning import ARMING_LEAD_NS, flights_of, part_of
-from ..replay.changed_keys import changes_of, keys_of
+from ..replay.changed_keys import Change, Unread, changes_of, keys_of
 from ..replay.errors import ReplayError
 from ..replay.faults.stream import FaultedRecordings
 from ..replay.maps.topic_map import TopicMap, load_map, map_names
@@ -197,6 +197,7 @@ def _export(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     began = time.monotonic()
+    _check_part(options)
     if options.html is not None:
         need_plots()
     use_tapes(options)
@@ -215,8 +216,7 @@ def _run(options: argparse.Namespace) -> int:
     )
     with Recordings(options.bags, plan.topics, options.mute, options.memory, replayed=True) as recordings:
         if options.flights:
-            show_lines([*recordings.problems, *_each_flight(plan, recordings)])
-            return PARTIAL if _is_partial(recordings) else DONE
+            return _each_flight(plan, recordings, changes)
         plan, part = _part(options, plan, recordings)
         with progress_bar("replaying") as progress:
             outcome = Session(plan, part, changes=changes).run(progress)
@@ -233,6 +233,18 @@ def _run(options: argparse.Namespace) -> int:
 
 def _is_partial(recordings: Recordings) -> bool:
     return bool(recordings.damage or recordings.problems)
+
+
+def _check_part(options: argparse.Namespace) -> None:
+    """Refuse options that say two things about the part that is judged, or that --flights would not follow."""
+    of_part = [name for name in ("from", "to") if getattr(options, f"{name}_s") is not None]
+    of_one = [*of_part, *(name for name in ("flight", "out", "html") if getattr(options, name) is not None)]
+    given, unfit = "flight", of_part if options.flight is not None else []
+    if options.flights:
+        given, unfit = "flights", [*of_one, *(["json"] if options.json else [])]
+    if unfit:
+        words = "judge one with --flight N for that" if given == "flights" else "name either"
+        raise ReplayError(f"--{given} goes without --{', --'.join(unfit)}; {words}")
 
 
 def _part(options: argparse.Namespace, plan: Plan, recordings: Recordings) -> Tuple[Plan, Recordings]:
@@ -257,15 +269,22 @@ def _by_arming(plan: Plan) -> Plan:
     return replace(plan, topic_map=replace(plan.topic_map, script=script))
 
 
-def _each_flight(plan: Plan, recordings: Recordings) -> List[str]:
-    """Judge each flight by itself; return a line for each."""
-    lines: List[str] = []
+def _each_flight(plan: Plan, recordings: Recordings, changes: Sequence[Change]) -> int:
+    """Judge each flight by itself, and print a line for each; return the exit status."""
+    problems, lines, vacuous = list(recordings.problems), [], False
     flights = flights_of(plan, recordings)
     for number, flight in enumerate(flights, 1):
         part = FaultedRecordings(recordings, *part_of(flights, number, recordings))
-        outcome = Session(_by_arming(plan), part).run()
+        outcome = Session(_by_arming(plan), part, changes=changes).run()
         lines.append(f"flight {number}, armed {flight.words(recordings.start_ns)}: {verdict(outcome)}")
-    return lines or ["the recording tells of no arming"]
+        lines += [f"  VACUOUS: {each}" for each in outcome.unread]
+        vacuous = vacuous or bool(outcome.unread)
+        problems += [f"flight {number}: {each}" for each in part.problems if each not in recordings.problems]
+    if not flights:
+        words, vacuous = "the recording tells of no arming", bool(changes)
+        lines = [words, *(f"VACUOUS: {Unread(each.key, words)}" for each in changes)]
+    show_lines([*problems, *lines])
+    return PARTIAL if problems or recordings.damage else VACUOUS if vacuous else DONE
 
 
 def _map(name: Optional[str], bags: List[Path]) -> TopicMap:
