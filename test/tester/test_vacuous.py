@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from replay_bags import flight_rows, write_bag
+from replay_demo import demo_bag, simulated
 
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.tester import Options, run_task, tasks_of
@@ -84,6 +85,18 @@ NEVER = {
 @pytest.mark.parametrize("more", NEVER)
 def test_what_never_comes_in_a_recording_is_vacuous(more):
     assert result(more) == ("VACUOUS", NEVER[more])
+
+
+@pytest.mark.parametrize("fault", ["silent", "scaled, field: sequence, factor: 2.0"])
+def test_a_fault_of_the_journal_changes_nothing_and_is_vacuous(fault):
+    """What was asked is read from the bag, past all faults."""
+    demo_bag(Path("demo.bag"), simulated())
+    scenario = SCENARIO.replace("flight.bag", "demo.bag").replace("map: flight.yaml", "map: amaze_demo")
+    Path("x.scenario.yaml").write_text(f"{scenario}faults: [{{topic: /autonomy/journal, fault: {fault}}}]\n")
+    (task,) = tasks_of([Path("x.scenario.yaml")], Options(goldens=False))
+    found = run_task(task)
+    assert found.verdict.value == "VACUOUS"
+    assert "messages, and nothing looked at what it changed" in found.headline
 
 
 def test_a_key_of_the_command_line_counts_as_one_of_the_scenario(capsys):

@@ -240,9 +240,12 @@ class World:
         return name if name in EVENT_OF else ""
 
     def status_paths(self, topic: str) -> Optional[Tuple[str, ...]]:
-        """Return the fields of a recorded status that are looked at; "" is all of them; None: it is no status."""
-        name = self._statuses.get(topic)
-        if name is None:
+        """Return the fields of a recorded status that are looked at; "" is all of them; None: it is no status.
+
+        Neither is the journal: what was asked is read from the bags themselves, past all faults.
+        """
+        name = self._statuses.get(topic, "")
+        if name not in EVENT_OF:
             return None
         return COMPARED.get(name, ()) if self.recorded.compares(name) else FLAT.get(name, ("",))
 
