@@ -92,6 +92,13 @@ def test_what_cannot_be_replayed_is_one_line_and_exit_status_2(tmp_path, flight_
     assert error.count("\n") == 1
 
 
+def test_a_recording_that_is_named_twice_is_refused(tmp_path, flight_map, flight_bag, capsys):
+    other = tmp_path / "other.bag"
+    other.symlink_to(flight_bag)
+    assert main(["run", str(flight_bag), str(other), "--map", flight_map]) == 2
+    assert capsys.readouterr().err == f"amaze-replay: {other}: is the same recording as {flight_bag}; name it once\n"
+
+
 def test_a_damaged_recording_is_replayed_with_exit_status_3(tmp_path, flight_map, capsys):
     bag = write_bag(tmp_path / "x.bag", flight_rows(), "bz2")
     break_chunk(bag, -1, 60, 100)

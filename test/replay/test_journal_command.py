@@ -117,6 +117,16 @@ def test_a_journal_whose_last_line_was_cut_off_is_compared_as_far_as_it_goes(lin
     assert (comparison.differences, comparison.truncated) == (0, True)
 
 
+def test_a_journal_that_was_cut_between_an_event_and_its_decisions_is_cut_off(lines):
+    last = max(number for number, line in enumerate(lines) if '"kind":"decision"' in line)
+    first = max(number for number in range(last) if '"kind":"event"' in lines[number]) + 1
+    cut = read("\n".join(lines[:first]) + "\n")
+    comparison = compare(cut)
+    assert (comparison.differences, comparison.truncated) == (0, True)
+    other = load_configuration(CONFIG).rules  # what other rules decide there is a difference
+    assert (compare(cut, other).differences, compare(cut, other).truncated) == (last + 1 - first, False)
+
+
 def test_a_journal_without_rules_is_refused():
     with pytest.raises(JournalError, match="no rules here"):
         compare(read('{"kind":"header","version":1}\n'))

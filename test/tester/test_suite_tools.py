@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -12,9 +13,12 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.events import CheckName
 from amaze_autonomy.laws.flight import BOUNDS
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.simulation.run import run
+from amaze_autonomy.simulation.scenario import Scenario
 from amaze_autonomy.tester import Options, Result, Task, Verdict, run_task, tasks_of
 from amaze_autonomy.tester.command import main
 from amaze_autonomy.tester.coverage import coverage_of
@@ -111,6 +115,28 @@ def test_a_failing_scenario_shrinks_to_its_first_different_decision(folder, caps
     capsys.readouterr()
     assert main(["test", "small.scenario.yaml", "--no-goldens"]) == 1
     assert capsys.readouterr().out.startswith("FAIL         small: never rule failure_back")
+
+
+def test_what_is_shrunk_names_its_configuration_from_where_it_is_written(folder):
+    shutil.copytree(config_folder(), "mine")
+    path = folder / "lrf.scenario.yaml"
+    own = os.path.relpath("mine", folder)
+    path.write_text(path.read_text() + f"configuration: {{folder: {own}}}\n")
+    Path("deep/er").mkdir(parents=True)
+    assert main(["shrink", str(path), "--rule", "hold", "--out", "deep/er/small.scenario.yaml"]) == 0
+    assert '\n  folder: "../../mine"\n' in Path("deep/er/small.scenario.yaml").read_text()
+    assert main(["test", "deep/er/small.scenario.yaml", "--no-goldens"]) == 1
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_journal_by_other_rules_is_not_shrunk_and_that_is_the_reason(capsys):
+    configuration = load_configuration(config_folder(), ["autonomy.takeoff.takeoff_height_m=0.8"])
+    missions = configuration.missions[:1]
+    Path("j.jsonl").write_text("".join(f"{line}\n" for line in run(configuration, missions, Scenario()).lines))
+    Path("j.scenario.yaml").write_text("version: 1\ndescription: x\njournal: j.jsonl\nexpectations: []\n")
+    assert main(["shrink", "j.scenario.yaml", "--rule", "at_takeoff_height"]) == 2
+    words = "j.jsonl was decided by other rules than the configuration's, and what is shrunk to is decided by these"
+    assert words in capsys.readouterr().err
 
 
 def test_nothing_to_shrink_is_said(folder, capsys):

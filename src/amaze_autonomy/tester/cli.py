@@ -279,7 +279,7 @@ def _add_shrink(commands: Any) -> None:
 
 
 def _shrink(options: argparse.Namespace) -> int:
-    result = shrink(_case(options), options.rule)
+    result = shrink(_case(options), options.rule, Path() if options.out is None else options.out.parent)
     lines: List[str] = result.text.splitlines()
     if options.out is not None:
         write_whole(options.out, result.text)

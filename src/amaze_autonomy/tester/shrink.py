@@ -7,7 +7,9 @@ them is taken out, as long as the engine still makes that decision, with the sam
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Callable, List, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
@@ -45,12 +47,13 @@ class Shrunk:
     text: str
 
 
-def shrink(case: Case, rule: str = "") -> Shrunk:
+def shrink(case: Case, rule: str = "", folder: Path = Path()) -> Shrunk:
     """Shrink a case to the events that lead to its first different decision.
 
     Args:
         case: that differs from its golden.
         rule: take the first decision by this rule instead; needs no golden.
+        folder: in which the scenario will lie: paths in it begin there.
 
     Raises:
         ReplayError: it does not differ, or not by a decision that is made.
@@ -70,9 +73,12 @@ def shrink(case: Case, rule: str = "") -> Shrunk:
     rules = rules_of(decoded[0], replace(configuration_of(case, Options()).rules, checks=case.checks))
     wants = _Wants(wanted, rules)
     if not wants(events):
+        if case.journal is not None and _Wants(wanted, rules_of(decoded[0]))(events):
+            words = "was decided by other rules than the configuration's, and what is shrunk to is decided by these"
+            raise ReplayError(f"{case.path}: {case.journal} {words}; name its configuration in the scenario")
         raise ReplayError(f"{case.path}: the decision by {wanted.rule} depends on more than the events and the rules")
     left = _fewest(_closer(_fewest(events, wants), wants), wants)
-    return Shrunk(tuple(left), wanted, len(events), _written(case, left, wanted, rules))
+    return Shrunk(tuple(left), wanted, len(events), _written(case, left, wanted, rules, folder))
 
 
 def _wanted(case: Case, decisions: Sequence[Decision], rule: str) -> Decision:
@@ -144,13 +150,13 @@ def _closer(events: Sequence[Event], wants: Callable[[Sequence[Event]], bool]) -
     return left
 
 
-def _written(case: Case, events: Sequence[Event], wanted: Decision, rules: Rules) -> str:
+def _written(case: Case, events: Sequence[Event], wanted: Decision, rules: Rules, folder: Path) -> str:
     words = f"Shrunk from {case.id}: {wanted.before} -> {wanted.after} by {wanted.rule}"
     lines = ["version: 1", f"description: {json.dumps(words)}"]
     if case.overrides or case.configuration is not None:
         lines.append("configuration:")
         if case.configuration is not None:
-            lines.append(f"  folder: {json.dumps(str(case.configuration))}")
+            lines.append(f"  folder: {json.dumps(os.path.relpath(case.configuration.resolve(), folder.resolve()))}")
         if case.overrides:
             lines += ["  set:", *(f"    {key}: {json.dumps(value)}" for key, value in case.overrides.items())]
     lines += [f"checks: [{', '.join(check.value for check in checks_of(rules))}]", "events:"]

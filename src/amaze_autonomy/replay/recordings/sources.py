@@ -23,7 +23,7 @@ from amaze_autonomy.bags.other_formats import is_other, other_recording
 from amaze_autonomy.bags.recording import Numbers
 from amaze_autonomy.engine.events import Event
 
-from ..errors import NoMessagesError, TimeJumpError, UnknownTopicError
+from ..errors import NoMessagesError, ReplayError, TimeJumpError, UnknownTopicError
 from .fields import Track
 from .statuses import sent_by, status_rows, taped_statuses
 
@@ -106,6 +106,7 @@ class Recordings:
         BagError: A bag cannot be read.
         UnknownTopicError: A muted topic is in none of them.
         NoMessagesError: There is no message of any wanted topic.
+        ReplayError: A recording is named twice.
         TimeJumpError: There is nothing for an hour between two messages.
     """
 
@@ -134,6 +135,7 @@ class Recordings:
     def _open(self, paths: Sequence[Path], memory: int, *, replayed: bool) -> None:
         for path in paths:
             self.bags.extend(recordings_of(path, memory))
+        _check_once(paths)
         if replayed and any(bag.start_ns is not None and bag.start_ns < _NEAR_ZERO_NS for bag in self.bags):
             self.shift_ns = SHIFT_NS
             self.bags = [Shifted(bag) for bag in self.bags]
@@ -363,6 +365,14 @@ class Recordings:
         """Note, once, what else is missing."""
         if problem not in self.problems:
             self.problems = (*self.problems, problem)
+
+
+def _check_once(paths: Sequence[Path]) -> None:
+    """Refuse a recording that is named twice: each of its messages would come twice."""
+    for number, path in enumerate(paths):
+        for other in paths[:number]:
+            if path.samefile(other):
+                raise ReplayError(f"{path}: is the same recording as {other}; name it once")
 
 
 def problems_of(bags: Iterable[Any]) -> Tuple[str, ...]:
