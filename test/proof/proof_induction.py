@@ -36,11 +36,12 @@ from amaze_autonomy.engine.state import (
     put,
 )
 from amaze_autonomy.laws import Moment, Witness, check
-from amaze_autonomy.laws.witness import Asked, Load, hear, see
+from amaze_autonomy.laws.witness import OURS, Asked, Load, hear, see
 
 _PAST = 1000 * UNIT
 """Every drawn state is moved so far from time zero that ages of any length are possible."""
 _ASKED_GO = limited(require_go=True)
+_NOTHING_WAITS = (State.MISSION_INPUT, State.PILOT)
 _QUICK = limited(max_flight_time_ns=5 * UNIT)
 
 
@@ -270,7 +271,7 @@ FIELDS: Mapping[str, Draw] = {
     "step_ns": _time,
     "started_ns": _when,
     "session.mission": lambda rng, s: s.session.mission and MISSIONS[rng.choice(tuple(MISSIONS))],
-    "queue": lambda rng, s: s.queue if s.state is State.MISSION_INPUT else rng.choice(((), (MISSIONS["one"],))),
+    "queue": lambda rng, s: s.queue if s.state in _NOTHING_WAITS else rng.choice(((), (MISSIONS["one"],))),
     "session.file_index": _one(0, 1),
     "session.repetition": _one(0, 1),
     "session.result": _one(*Result),
@@ -462,6 +463,8 @@ def witness_of(s: EngineState, rules: Rules) -> Witness:
     watching = s.peers.watchdog_started_ns is not None
     beat = s.peers.heartbeat_ns
     motion = s.flight.commanded[-1] if s.flight.commanded else None
+    mode = s.peers.autopilot.mode if s.peers.autopilot is not None else ""
+    foreign = s.vehicle.takeover is not None and mode not in OURS.get(motion, ())  # another mode had answered it
     return Witness(
         now=s.t_ns,
         vehicle=s.peers.autopilot,
@@ -510,7 +513,7 @@ def witness_of(s: EngineState, rules: Rules) -> Witness:
         motion_outcome=s.flight.motion.outcome,
         flown=s.flight.mode_flown if s.flight.mode_flown in ("OFFBOARD", "AUTO.MISSION") else "",
         by_mission=s.flight.by_mission,
-        answered=s.flight.confirmed is motion and motion is not None,
+        answered=(s.flight.confirmed is motion and motion is not None) or foreign,
         disarmed_ns=s.landing.disarm_sent_ns,
         recording=_recording_of(s),
         user_hold=s.flight.user_hold_ns is not None,

@@ -147,6 +147,11 @@ def _(s: EngineState) -> bool:
     return s.state is not State.MISSION_INPUT or left == ("", None, (), Result.NONE, ())
 
 
+@_is("Behind the pilot no mission waits.")
+def _(s: EngineState) -> bool:
+    return s.state is not State.PILOT or s.queue == ()
+
+
 @_is("The file and the repetition are the mission's.")
 def _(s: EngineState) -> bool:
     in_mission = s.session.mission is None or (
