@@ -66,8 +66,8 @@ def main() -> None:
         bags = [Path(argument) for argument in sys.argv[1:]] or [data / f"{name}.bag" for name in map_names()]
         for bag in bags:
             if bag.is_file():
-                print(measure(bag, bag.stem, folder), flush=True)
-        print(measure(written, str(ROOT / "test" / "replay" / "flight.yaml"), folder))
+                print(measure(bag, bag.stem, folder / "out"), flush=True)
+        print(measure(written, str(ROOT / "test" / "replay" / "flight.yaml"), folder / "out"))
 
 
 if __name__ == "__main__":

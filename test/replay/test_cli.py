@@ -47,8 +47,80 @@ def test_json_is_the_result_file(tmp_path, flight_bag, flight_map, capsys):
 
 
 def test_the_journal_that_is_written_is_replayed_without_difference(tmp_path, flight_bag, flight_map):
-    assert main(["run", str(flight_bag), "--map", flight_map, "--out", str(tmp_path)]) == 0
-    assert main(["journal", str(tmp_path / "journal.jsonl")]) == 0
+    out = tmp_path / "result"
+    for _ in range(2):  # what a replay wrote, another one replaces
+        assert main(["run", str(flight_bag), "--map", flight_map, "--out", str(out)]) == 0
+        assert main(["journal", str(out / "journal.jsonl")]) == 0
+
+
+@pytest.fixture
+def session(tmp_path):
+    """A folder as the collector leaves it, without its bag: what the flight wrote is nowhere else."""
+    folder = tmp_path / "session"
+    folder.mkdir()
+    (folder / "journal.jsonl").write_text('{"kind":"header","program":"engine","version":3}\n')
+    (folder / "flight.html").write_text("<!DOCTYPE html>\n<title>Flight 20261121T010929-001</title>\n")
+    return folder
+
+
+@pytest.mark.parametrize("kept", ["journal.jsonl", "flight.html"])
+def test_what_a_flight_wrote_is_not_replaced(session, flight_bag, flight_map, capsys, kept):
+    for other in {"journal.jsonl", "flight.html"} - {kept}:
+        (session / other).unlink()
+    before = (session / kept).read_text()
+    assert main(["run", str(flight_bag), "--map", flight_map, "--out", str(session)]) == 2
+    said = capsys.readouterr().err
+    assert said == f"amaze-replay: {session / kept}: is not of a replay, and would be replaced; name another folder\n"
+    assert [path.name for path in session.iterdir()] == [kept]
+    assert (session / kept).read_text() == before
+
+
+def test_a_journal_that_cannot_be_read_is_not_replaced(session, flight_bag, flight_map):
+    (session / "flight.html").unlink()
+    for content in (b"", b"\xff\xfe", b"[]\n", b"program: amaze-replay\n"):
+        (session / "journal.jsonl").write_bytes(content)
+        assert main(["run", str(flight_bag), "--map", flight_map, "--out", str(session)]) == 2
+        assert (session / "journal.jsonl").read_bytes() == content
+
+
+def test_no_page_is_no_reason_to_refuse_a_folder_with_one(session, flight_bag, flight_map):
+    (session / "journal.jsonl").unlink()
+    assert main(["run", str(flight_bag), "--map", flight_map, "--out", str(session), "--no-html"]) == 0
+
+
+def test_results_are_not_written_beside_a_recording(tmp_path, flight_bag, flight_map, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "linked").symlink_to(tmp_path)
+    for out in (".", str(tmp_path), "linked"):
+        assert main(["run", flight_bag.name, "--map", flight_map, "--out", out]) == 2
+        words = f"{out}: holds the recording {flight_bag.name}, and a journal and a page may be its own"
+        assert capsys.readouterr().err == f"amaze-replay: {words}; name another folder with --out\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["flight.bag", "linked"]
+
+
+@pytest.mark.parametrize("name", ["flight.html", "journal.jsonl"])
+def test_a_page_replaces_neither_the_page_of_a_flight_nor_another_file(session, flight_bag, flight_map, capsys, name):
+    before = (session / name).read_text()
+    assert main(["run", str(flight_bag), "--map", flight_map, "--html", str(session / name)]) == 2
+    said = f"amaze-replay: {session / name}: is not of a replay, and would be replaced; name another file\n"
+    assert capsys.readouterr().err == said
+    assert (session / name).read_text() == before
+
+
+def test_a_page_of_a_replay_replaces_one(tmp_path, flight_bag, flight_map):
+    for _ in range(2):
+        assert main(["run", str(flight_bag), "--map", flight_map, "--html", str(tmp_path / "page.html")]) == 0
+
+
+def test_the_page_of_a_journal_replaces_a_page_and_nothing_else(tmp_path, flight_bag, flight_map, capsys):
+    out = tmp_path / "result"
+    assert main(["run", str(flight_bag), "--map", flight_map, "--out", str(out)]) == 0
+    journal = str(out / "journal.jsonl")
+    assert main(["journal", journal, "--html", str(out / "flight.html")]) == 0
+    assert "<title>Flight journal" in (out / "flight.html").read_text("utf-8")
+    capsys.readouterr()
+    assert main(["journal", journal, "--html", journal]) == 2
+    assert capsys.readouterr().err == f"amaze-replay: {journal}: is no page, and would be replaced; name another file\n"
 
 
 def test_another_rule_decides_otherwise(tmp_path, flight_map, capsys):

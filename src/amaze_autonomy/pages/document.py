@@ -15,6 +15,8 @@ from typing import Any, Mapping, Sequence
 from amaze_autonomy.whole_file import write_whole
 
 _HERE = Path(__file__).parent
+_DOCTYPE = "<!DOCTYPE html>"
+_HEAD_BYTES = 1000
 _PLOTS = ("plotly", "package_data/plotly.min.js")
 
 
@@ -40,11 +42,22 @@ def write_document(path: Path, title: str, parts: Sequence[str], content: Mappin
     style, scripts = _texts(parts, "css"), _texts(parts, "js")
     write_whole(
         path,
-        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'{_DOCTYPE}\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<title>{escape(title)}</title>\n'
         f"<style>\n{style}</style>\n</head>\n<body>\n{_texts(parts, 'html')}"
         f"<script>\n{plots}\n</script>\n<script>\nconst CONTENT = {data};\n{scripts}</script>\n</body>\n</html>\n",
     )
+
+
+def is_document(path: Path, title: str = "") -> bool:
+    """Tell whether a file is a page, and one whose title begins so.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES).decode("utf-8", "replace")
+    return head.startswith(_DOCTYPE) and f"<title>{escape(title)}" in head
 
 
 def _texts(parts: Sequence[str], kind: str) -> str:

@@ -30,7 +30,7 @@ from amaze_autonomy.replay.compare import Comparison, Lawful, check_laws, compar
 from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import JournalError
-from ..pages.document import PageError, need_plots
+from ..pages.document import PageError, is_document, need_plots
 from ..replay.beginning import ARMING_LEAD_NS, flights_of, part_of
 from ..replay.changed_keys import Change, Unread, changes_of, keys_of
 from ..replay.errors import ReplayError
@@ -203,6 +203,7 @@ def _run(options: argparse.Namespace) -> int:
     use_tapes(options)
     gc.disable()  # a recording is very many values without cycles: looking for those takes a tenth of the time
     recorded = topics_of(options.bags, options.memory)  # a wrong file is said before a missing map
+    _check_outputs(options)
     topic_map = _map(options.map, options.bags)
     configuration = load_configuration(options.config or config_folder(), options.set)
     mission_id = options.mission or configuration.missions[0].id
@@ -300,6 +301,53 @@ def _map(name: Optional[str], bags: List[Path]) -> TopicMap:
     return load_map(name if name is not None else stems[0])
 
 
+_REPLACED = "and would be replaced; name another"
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Refuse to replace what a replay did not write: a flight's journal and its page are nowhere else.
+
+    Raises:
+        ReplayError: one of the outputs would take the place of it.
+    """
+    out: Optional[Path] = options.out
+    if out is not None:
+        for bag in options.bags:
+            if _holds(out, bag):
+                words = f"{out}: holds the recording {bag}, and a journal and a page may be its own"
+                raise ReplayError(f"{words}; name another folder with --out")
+        pages = [] if options.no_html else [out / "flight.html"]
+        for path, own in [
+            (out / "journal.jsonl", _is_journal_of_replay),
+            *((page, _is_page_of_replay) for page in pages),
+        ]:
+            if path.exists() and not own(path):
+                raise ReplayError(f"{path}: is not of a replay, {_REPLACED} folder")
+    if options.html is not None and options.html.exists() and not _is_page_of_replay(options.html):
+        raise ReplayError(f"{options.html}: is not of a replay, {_REPLACED} file")
+
+
+def _holds(folder: Path, bag: Path) -> bool:
+    """Tell whether a recording lies in a folder; a recording that is a folder itself holds only its own files."""
+    place = folder.resolve()
+    own = bag.is_dir() and bag.resolve() in (place, *place.parents)
+    return own or place in (bag.parent.resolve(), bag.resolve().parent)
+
+
+def _is_journal_of_replay(path: Path) -> bool:
+    with path.open("rb") as file:
+        first = file.readline()
+    try:
+        header = json.loads(first)
+    except ValueError:
+        return False
+    return isinstance(header, dict) and header.get("program") == "amaze-replay"
+
+
+def _is_page_of_replay(path: Path) -> bool:
+    return is_document(path, "Replay of ")
+
+
 def _write(folder: Optional[Path], plan: Plan, recordings: Recordings, outcome: Outcome) -> None:
     if folder is None:
         return
@@ -345,6 +393,8 @@ def _given_rules(options: argparse.Namespace) -> Optional[Rules]:
 def _journal(options: argparse.Namespace) -> int:
     if options.html is not None:
         need_plots()
+        if options.html.exists() and not is_document(options.html):
+            raise ReplayError(f"{options.html}: is no page, {_REPLACED} file")
     rules = _given_rules(options)
     journals = read_journals(options.file, options.topic, options.memory)
     comparisons: List[Comparison] = []
