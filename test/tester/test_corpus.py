@@ -149,6 +149,40 @@ def test_a_bag_that_cannot_be_fetched_is_an_error_of_its_scenarios_alone(corpus,
     assert sorted(path.name for path in kept_in(elsewhere).iterdir()) == ["short.bag"]
 
 
+@pytest.mark.parametrize("way", ["..", "inside/..", "linked"])
+def test_nothing_is_fetched_to_a_place_outside_of_what_is_kept(corpus, capfd, elsewhere, tmp_path, way):
+    """The scenario may be anybody's: it names no file of its reader, here or there, that would be replaced."""
+    kept = kept_in(elsewhere)
+    kept.mkdir(parents=True)
+    (kept / "linked").symlink_to(kept.parent)
+    target = kept.parent / "mine.bag"
+    target.write_text("mine")
+    for place in (tmp_path / "mine.bag", tmp_path / "bags" / "mine.bag"):
+        shutil.copy(tmp_path / "bags" / "short.bag", place)
+    text = (corpus / "short.scenario.yaml").read_text()
+    (corpus / "short.scenario.yaml").write_text(text.replace("/short.bag", f"/{way}/mine.bag"))
+    status, out, _ = run(corpus, capfd, "-j1", "--data", elsewhere)
+    assert status == 1
+    assert f"ERROR        short: {kept}/{way}/mine.bag: leads out of the folder of bags that are fetched; " in out
+    assert out.splitlines()[-1].startswith("2 PASS, 1 ERROR")
+    assert target.read_text() == "mine"
+    assert sorted(path.name for path in kept.iterdir()) == ["linked", "long.bag"]
+
+
+def test_what_is_kept_stays_when_what_is_fetched_is_another_one(corpus, capfd, elsewhere, tmp_path):
+    assert run(corpus, capfd, "-j1", "--data", elsewhere)[0] == 0
+    before = (kept_in(elsewhere) / "short.bag").read_bytes()
+    other = sha256(tmp_path / "bags" / "long.bag")
+    text = (corpus / "short.scenario.yaml").read_text()
+    (corpus / "short.scenario.yaml").write_text(re.sub('sha256: ".*"', f'sha256: "{other}"', text))
+    status, out, _ = run(corpus, capfd, "-j1", "--data", elsewhere)
+    assert status == 1
+    words = "is another file than the scenario was written for (sha256 differs)"
+    assert f"ERROR        short: {elsewhere}/short.bag: {words}\n" in out
+    assert (kept_in(elsewhere) / "short.bag").read_bytes() == before
+    assert sorted(path.name for path in kept_in(elsewhere).iterdir()) == ["long.bag", "short.bag"]
+
+
 @pytest.fixture(scope="module")
 def cluster():
     """A real scheduler on a port of its own, with two worker processes."""

@@ -302,15 +302,22 @@ def fetch_bags(task: Task, url: str) -> None:
 def _fetch_bags(case: Case, url: str) -> None:
     folder = kept_in(url)
     for bag in case.bags:
-        if folder in bag.path.parents and not _is_kept(bag.path, bag.sha256):
-            _fetch(f"{url.rstrip('/')}/{bag.path.relative_to(folder).as_posix()}", bag.path)
+        if folder not in bag.path.parents:
+            continue
+        inside = bag.path.relative_to(folder)
+        place = bag.path.parent.resolve()  # of a bag that is a link the link itself is replaced
+        if ".." in inside.parts or folder.resolve() not in (place, *place.parents):
+            words = "leads out of the folder of bags that are fetched"
+            raise ReplayError(f"{bag.path}: {words}; name a bag below ${{{VARIABLE}}}, without ..")
+        if not _is_kept(bag.path, bag.sha256):
+            _fetch(f"{url.rstrip('/')}/{inside.as_posix()}", bag.path, bag.sha256)
 
 
 def _is_kept(path: Path, sha256: str) -> bool:
     return path.exists() and (not sha256 or sha256_of(*content_files(path)) == sha256)
 
 
-def _fetch(url: str, path: Path) -> None:
+def _fetch(url: str, path: Path, sha256: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -318,6 +325,7 @@ def _fetch(url: str, path: Path) -> None:
             shutil.copyfileobj(source, target, _BLOCK)
             target.flush()
             os.fsync(target.fileno())
+        _check_content(url, part, sha256)
         part.replace(path)
     except Exception as error:
         part.unlink(missing_ok=True)
@@ -325,6 +333,11 @@ def _fetch(url: str, path: Path) -> None:
             raise
         words = " ".join(str(error).split()) or type(error).__name__
         raise ReplayError(f"{url}: cannot be fetched ({words}); is the address right?") from error
+
+
+def _check_content(url: str, path: Path, sha256: str) -> None:
+    if sha256 and sha256_of(path) != sha256:
+        raise ReplayError(f"{url}: is another file than the scenario was written for (sha256 differs)")
 
 
 def _opened(url: str) -> Any:
