@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Callable, Tuple, Type
+from contextlib import contextmanager
+from typing import Any, Callable, Iterator, Tuple, Type, cast
 
 DONE, BROKEN, INTERRUPTED = 0, 70, 130
 """Exit statuses that mean the same in every command; 70 is EX_SOFTWARE of sysexits.h, 130 is 128 + SIGINT."""
@@ -27,7 +28,7 @@ def run_command(name: str, command: Callable[[], int], known: Tuple[Type[BaseExc
         status = command()
         sys.stdout.flush()
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _to_nobody(sys.stdout)
         return DONE
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -41,6 +42,51 @@ def run_command(name: str, command: Callable[[], int], known: Tuple[Type[BaseExc
         traceback.print_exc()
         return say_wrong(name, f"this is an error in {name}, please report it with the lines above", BROKEN)
     return status
+
+
+@contextmanager
+def outlasting_readers() -> Iterator[None]:
+    """Let a command that gives a verdict do all its work when the reader of its output has had enough.
+
+    What it prints from then on goes nowhere; its files and its exit status are those that it would have had.
+    """
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (cast("Any", _Outlasting(stream)) for stream in before)
+    try:
+        yield
+        sys.stdout.flush()
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+class _Outlasting:
+    """A stream that takes text when nobody reads it any more."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        try:
+            return int(self._stream.write(text))
+        except BrokenPipeError:
+            _to_nobody(self._stream)
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            _to_nobody(self._stream)
+
+
+def _to_nobody(stream: Any) -> None:
+    """Let what a stream still holds, and all that is written to it, go nowhere."""
+    nobody = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nobody, stream.fileno())
+    os.close(nobody)
 
 
 def say_wrong(name: str, text: str, status: int) -> int:

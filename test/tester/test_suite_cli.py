@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
+from replay_bags import ROOT
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.tester import Result, Verdict, cli
@@ -107,6 +110,27 @@ def test_two_processes_print_what_one_prints(accepted, capsys):
         printed.append(capsys.readouterr().out.splitlines()[:-1])
     assert printed[0] == printed[1]
     assert [line.split()[1] for line in printed[0] if line.startswith(("PASS", "FAIL"))] == ["a:", "b:", "c:", "lrf:"]
+
+
+@pytest.mark.parametrize("streams", ["", "2>&1"])
+@pytest.mark.parametrize(
+    "verb", ["test --json r.json", "corpus --json r.json", "coverage", "accept --reason=long_enough"]
+)
+def test_a_reader_that_has_enough_changes_no_verdict(folder, verb, streams):
+    """The scenario fails in each of them, and `true` reads nothing of that."""
+    edit(folder, "then: {command: HOLD}", "then: {command: RESUME}")
+    command = f'"{sys.executable}" -m amaze_autonomy.tester.command {verb} suite {streams} | true; '
+    done = subprocess.run(
+        ["bash", "-c", command + 'echo "${PIPESTATUS[0]}"'],
+        env={"PYTHONPATH": str(ROOT / "src"), "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.stdout == "1\n"
+    assert "Error" not in done.stderr
+    assert "--json" not in verb or json.loads(Path("r.json").read_text())["tests"][0]["verdict"] == "FAIL"
 
 
 def test_a_path_without_scenarios_is_wrong_use(folder, capsys):

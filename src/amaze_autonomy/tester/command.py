@@ -20,7 +20,7 @@ from typing import List, Optional, Sequence, Tuple
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.bags.cli import add_memory
 from amaze_autonomy.bags.errors import MessageError
-from amaze_autonomy.command_line import run_command
+from amaze_autonomy.command_line import outlasting_readers, run_command
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.model import Configuration
@@ -52,7 +52,12 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command line; return the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = _parser(scenarios=given[:1] not in _ALONE).parse_args(given)
-    return run_command("amaze-replay", lambda: int(options.command(options)), _KNOWN, wrong=IMPOSSIBLE)
+
+    def judged() -> int:
+        with outlasting_readers():  # `| head` must not turn a failure into a success, or leave its files unwritten
+            return int(options.command(options))
+
+    return run_command("amaze-replay", judged, _KNOWN, wrong=IMPOSSIBLE)
 
 
 def _parser(*, scenarios: bool) -> argparse.ArgumentParser:
