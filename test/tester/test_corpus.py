@@ -10,11 +10,13 @@ import shutil
 from pathlib import Path
 
 import pytest
+from killed_work import dying, examining, hunting
 from replay_bags import break_chunk, flight_rows, write_bag
 
 from amaze_autonomy.replay.errors import ReplayError
 from amaze_autonomy.tester.command import main
-from amaze_autonomy.tester.corpus import kept_in, run_on_cluster
+from amaze_autonomy.tester.corpus import examined, kept_in, run_on_cluster
+from amaze_autonomy.tester.coverage import Hunt, mutation_lines, mutation_passed, run_hunts
 from amaze_autonomy.tester.task import Options, Verdict, tasks_of
 
 MAP = Path(__file__).parents[1] / "replay" / "flight.yaml"
@@ -110,6 +112,50 @@ def test_a_scenario_with_a_mistake_is_an_error_and_the_others_run(corpus, capfd)
         "PASS",
         "3",
     ]
+
+
+@pytest.fixture
+def killed(monkeypatch, tmp_path):
+    monkeypatch.setenv("DIED", str(tmp_path / "died"))
+    monkeypatch.setattr("amaze_autonomy.tester.run.run_task", dying)
+    return lambda how: monkeypatch.setenv("DIES", how)
+
+
+def test_a_process_that_is_killed_costs_nothing_when_its_task_can_be_run_by_itself(corpus, capfd, killed):
+    killed("once")
+    status, out, _ = run(corpus, capfd, "-j2", "--no-doctor")
+    assert (status, out.splitlines()[-1].split(";")[0]) == (0, "3 PASS")
+
+
+def test_a_task_whose_process_is_killed_again_is_an_error_and_the_others_have_results(corpus, capfd, killed, tmp_path):
+    killed("always")
+    status, out, _ = run(corpus, capfd, "-j2", "--no-doctor", "--json", str(tmp_path / "r.json"))
+    assert status == 1
+    first, *_, last = out.splitlines()
+    assert first == "ERROR        long: the process that ran it died, twice: was it killed, or is the memory too small?"
+    assert last.startswith("2 PASS, 1 ERROR")
+    verdicts = [each["verdict"] for each in json.loads((tmp_path / "r.json").read_text())["tests"]]
+    assert verdicts == ["ERROR", "PASS", "PASS"]
+
+
+def test_a_bag_that_kills_the_process_is_said_and_the_others_are_looked_through(corpus, monkeypatch):  # noqa: ARG001
+    monkeypatch.setattr("amaze_autonomy.tester.corpus._examined", examining)
+    bags = sorted(Path(os.environ["AMAZE_DATA"]).iterdir())
+    died = f"{bags[0]}: the process that looked through it died, twice: was it killed, or is the memory too small?"
+    assert examined(bags, jobs=2) == (died, "short.bag: looked at")
+
+
+def test_a_mutant_that_kills_the_process_is_not_caught_and_the_others_are_hunted(monkeypatch):
+    monkeypatch.setattr("amaze_autonomy.tester.coverage.run_hunt", hunting)
+    told = []
+    found = run_hunts([Hunt(name, (), ()) for name in ("one", "deadly", "other")], 2, told.append)
+    assert tuple(told) == found
+    died = "the process that hunted it died, twice: was it killed, or is the memory too small?"
+    assert mutation_lines(found, {}) == [
+        f"UNKNOWN   deadly: {died}",
+        "2 of 3 mutants caught, 0 waived, 0 survive, 1 unknown",
+    ]
+    assert not mutation_passed(found, {"mutant deadly": "it may survive, but it is not known to"})
 
 
 @pytest.fixture

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import multiprocessing
 import os
 import shutil
 import sys
 import time
 import uuid
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -25,7 +23,7 @@ from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.whole_file import sha256_of, write_whole
 
 from ..replay.errors import ReplayError
-from .run import run_task, run_tasks
+from .run import DIED, run_task, run_tasks, spread
 from .scenario import Case, load_cases
 from .task import NOT_COMPARED, Figures, Result, Task, Verdict, as_json, exit_status, result_lines
 from .terminal import (
@@ -58,9 +56,9 @@ def examined(bags: Sequence[Path], jobs: int = 1, memory: int = MEMORY) -> Tuple
     """Look for damage in bags, as `amaze-bag doctor` does; return a line for each thing that is wrong."""
     if jobs <= 1 or len(bags) <= 1:
         return tuple(line for bag in bags for line in _examined(bag, memory))
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(bags)), mp_context=context) as pool:
-        return tuple(line for lines in pool.map(partial(_examined, memory=memory), bags) for line in lines)
+    looked = partial(_examined, memory=memory)
+    found = spread(looked, bags, jobs, lambda bag: [f"{bag}: the process that looked through it {DIED}"])
+    return tuple(line for lines in found for line in lines)
 
 
 def _examined(bag: Path, memory: int) -> List[str]:

@@ -6,8 +6,6 @@ in flight, a loss, or a check that failed. A gate wants each, but for those with
 
 from __future__ import annotations
 
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -46,7 +44,7 @@ from .difference import without_numbers
 from .expect.model import RULES
 from .golden import decisions_of
 from .play import configuration_of, play
-from .run import case_of, digest_of
+from .run import DIED, case_of, digest_of, spread
 from .scenario import Case, SourceKind
 from .task import Options, Result, Task
 
@@ -374,11 +372,13 @@ class Survival:
         mutant: its name.
         caught_by: id of the first scenario that decided otherwise; empty: none did.
         tried: how many scenarios were run.
+        unknown: why nobody knows; empty: it was tried.
     """
 
     mutant: str
     caught_by: str
     tried: int
+    unknown: str = ""
 
 
 def hunts_of(tasks: Sequence[Task], results: Sequence[Result], coverage: Coverage, only: str = "") -> Tuple[Hunt, ...]:
@@ -441,39 +441,42 @@ def run_hunts(
 ) -> Tuple[Survival, ...]:
     """Run all hunts, in processes; the results are in their order."""
     tell = told or (lambda _: None)
+    if jobs > 1:
+        return spread(run_hunt, hunts, jobs, _lost, tell)
     found: List[Survival] = []
-    if jobs <= 1:
-        for hunt in hunts:
-            found.append(run_hunt(hunt))
-            tell(found[-1])
-        return tuple(found)
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for survival in pool.map(run_hunt, hunts):
-            found.append(survival)
-            tell(survival)
+    for hunt in hunts:
+        found.append(run_hunt(hunt))
+        tell(found[-1])
     return tuple(found)
+
+
+def _lost(hunt: Hunt) -> Survival:
+    return Survival(hunt.mutant, "", 0, f"the process that hunted it {DIED}")
 
 
 def mutation_lines(survivals: Sequence[Survival], waivers: Mapping[str, str]) -> List[str]:
     """Return what survived, and the score."""
-    alive = [each for each in survivals if not each.caught_by]
+    alive = [each for each in survivals if not each.caught_by and not each.unknown]
+    unknown = [each for each in survivals if each.unknown]
     open_ = [each for each in alive if not _may_survive(each, waivers)]
     lines = [f"SURVIVED  {each.mutant}: none of {each.tried} scenarios decides otherwise" for each in open_]
+    lines += [f"UNKNOWN   {each.mutant}: {each.unknown}" for each in unknown]
     lines += [
         f"STALE     {each.mutant}: a waiver says that it survives, and {each.caught_by} catches it"
         for each in survivals
         if each.caught_by and _waived(each, waivers)
     ]
-    caught = len(survivals) - len(alive)
-    return [
-        *lines,
-        f"{caught} of {len(survivals)} mutants caught, {len(alive) - len(open_)} waived, {len(open_)} survive",
-    ]
+    caught = len(survivals) - len(alive) - len(unknown)
+    said = f"{caught} of {len(survivals)} mutants caught, {len(alive) - len(open_)} waived, {len(open_)} survive"
+    return [*lines, said + (f", {len(unknown)} unknown" if unknown else "")]
 
 
 def mutation_passed(survivals: Sequence[Survival], waivers: Mapping[str, str]) -> bool:
-    """Return True when each mutant is caught or has a waiver, and none has both."""
-    return all(not _waived(each, waivers) if each.caught_by else _may_survive(each, waivers) for each in survivals)
+    """Return True when each mutant is caught or has a waiver, none has both, and of each it is known."""
+    return all(
+        not each.unknown and (not _waived(each, waivers) if each.caught_by else _may_survive(each, waivers))
+        for each in survivals
+    )
 
 
 def _waived(survival: Survival, waivers: Mapping[str, str]) -> bool:

@@ -7,11 +7,13 @@ import multiprocessing
 import sys
 import time
 import traceback
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from shlex import quote
-from typing import Callable, Dict, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
+from typing import Callable, Dict, Iterable, Iterator, List, Optional, Sequence, Set, Tuple, TypeVar
 
 from amaze_autonomy.bags.errors import BagError, MessageError
 from amaze_autonomy.config.errors import ConfigError
@@ -198,6 +200,8 @@ def _failed(task: Task, case: Optional[Case], verdict: Verdict, text: str) -> Re
 
 
 Told = Callable[[Result], None]
+Given = TypeVar("Given")
+Made = TypeVar("Made")
 
 
 def run_tasks(tasks: Sequence[Task], jobs: int = 1, told: Optional[Told] = None) -> Tuple[Result, ...]:
@@ -208,15 +212,14 @@ def run_tasks(tasks: Sequence[Task], jobs: int = 1, told: Optional[Told] = None)
         jobs: processes; 1: this one.
         told: called with each result, in the order of the tasks, as soon as all before it are there.
     """
-    tell = told or (lambda _: None)
     if jobs <= 1 or len(tasks) <= 1:
-        return tuple(_each(task, tell) for task in tasks)
-    # spawn: a fork of a process with threads may hang, and a fresh process is the same on every system.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=context) as pool:
-        order = sorted(range(len(tasks)), key=lambda number: (-tasks[number].weight, number))
-        running: Dict[Future[Result], int] = {pool.submit(run_task, tasks[number]): number for number in order}
-        return tuple(_collected(running, len(tasks), tell))
+        return tuple(_each(task, told or (lambda _: None)) for task in tasks)
+    order = sorted(range(len(tasks)), key=lambda number: (-tasks[number].weight, number))
+
+    def lost(task: Task) -> Result:
+        return _failed(task, None, Verdict.ERROR, f"the process that ran it {DIED}")
+
+    return spread(run_task, tasks, jobs, lost, told, order)
 
 
 def _each(task: Task, tell: Told) -> Result:
@@ -225,18 +228,67 @@ def _each(task: Task, tell: Told) -> Result:
     return result
 
 
-def _collected(running: Dict[Future[Result], int], count: int, tell: Told) -> List[Result]:
-    results: Dict[int, Result] = {}
+DIED = "died, twice: was it killed, or is the memory too small?"
+
+
+def spread(
+    work: Callable[[Given], Made],
+    given: Sequence[Given],
+    jobs: int,
+    lost: Callable[[Given], Made],
+    told: Optional[Callable[[Made], None]] = None,
+    order: Optional[Sequence[int]] = None,
+) -> Tuple[Made, ...]:
+    """Do work in several processes; return what came of each, in the order of what was given.
+
+    A process that dies takes all others of its pool with it. What has no result then is done again, each in a process
+    of its own, one after the other: so the one that dies again is known, and what died for want of memory may pass.
+
+    Args:
+        work: done with each; both can be sent to another process.
+        given: what it is done with.
+        jobs: processes.
+        lost: what came of one whose process died again.
+        told: called with each result in order, as soon as all before it are there.
+        order: in which they are begun, by number; None: their own.
+    """
+    made: Dict[int, Made] = {}
     shown = 0
-    left: Set[Future[Result]] = set(running)
-    while left:
-        done, left = wait(left, return_when=FIRST_COMPLETED)
-        for future in done:
-            results[running[future]] = future.result()
-        while shown in results:
-            tell(results[shown])
+
+    def keep(number: int, result: Made) -> None:
+        nonlocal shown
+        made[number] = result
+        while shown in made:
+            if told is not None:
+                told(made[shown])
             shown += 1
-    return [results[number] for number in range(count)]
+
+    _in_a_pool(work, given, min(jobs, len(given)), range(len(given)) if order is None else order, keep)
+    for number, each in enumerate(given):
+        if number not in made:
+            _in_a_pool(work, given, 1, [number], keep)
+        if number not in made:
+            keep(number, lost(each))
+    return tuple(made[number] for number in range(len(given)))
+
+
+def _in_a_pool(
+    work: Callable[[Given], Made],
+    given: Sequence[Given],
+    jobs: int,
+    numbers: Sequence[int],
+    keep: Callable[[int, Made], None],
+) -> None:
+    """Do work in a pool of processes until one of them dies."""
+    # spawn: a fork of a process with threads may hang, and a fresh process is the same on every system.
+    with ProcessPoolExecutor(max(1, jobs), mp_context=multiprocessing.get_context("spawn")) as pool:
+        running: Dict[Future[Made], int] = {}
+        with suppress(BrokenProcessPool):
+            for number in numbers:
+                running[pool.submit(work, given[number])] = number
+        for future in as_completed(running):
+            with suppress(BrokenProcessPool):
+                keep(running[future], future.result())
 
 
 # --- figures ----------------------------------------------------------------------------------------------------------
