@@ -84,6 +84,13 @@ def test_a_changed_rule_is_found_and_named_with_the_first_different_decision(lin
     ]
 
 
+def test_a_journal_without_an_event_is_no_success(tmp_path, lines, capsys):
+    path = tmp_path / "journal.jsonl"
+    path.write_text(f"{lines[0]}\n")
+    assert main(["journal", str(path)]) == 3
+    assert "There is no event in the journal: nothing was compared.\n" in capsys.readouterr().out
+
+
 def test_a_changed_limit_is_found_with_value_and_limit(lines):
     rules = load_configuration(CONFIG, ["autonomy.takeoff.takeoff_height_m=1.4"]).rules
     comparison = compare(read("\n".join(lines) + "\n"), rules)

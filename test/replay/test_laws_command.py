@@ -57,6 +57,13 @@ def test_a_journal_that_is_cut_off_is_judged_to_its_end(tmp_path, capsys):
     assert "the end of the journal is cut off" in capsys.readouterr().out
 
 
+def test_a_journal_without_an_event_is_no_success(tmp_path, capsys):
+    path = tmp_path / "journal.jsonl"
+    path.write_text(FLIGHT.read_text().splitlines(keepends=True)[0])
+    assert main(["laws", str(path)]) == 3
+    assert "there is no event in the journal: nothing was checked\n" in capsys.readouterr().out
+
+
 def test_the_result_as_json(capsys):
     assert main(["laws", "--json", str(FLIGHT)]) == 0
     (result,) = json.loads(capsys.readouterr().out)

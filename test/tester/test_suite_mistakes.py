@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from amaze_autonomy.tester.command import main
 from amaze_autonomy.tester.run import run_task
 from amaze_autonomy.tester.task import Options, Task
 
@@ -60,6 +61,16 @@ def test_a_matrix_that_gives_a_value_that_cannot_be_is_named_as_its_line(tmp_pat
         "x.scenario.yaml:4: sensors.components.lrf.severity: is the text 'lowish'; "
         "must be one of low, moderate, high, highest; did you mean low?"
     )
+
+
+@pytest.mark.parametrize("verb", ["test", "corpus"])
+def test_a_file_with_a_mistake_is_an_error_whatever_variant_is_wanted(folder, capsys, verb):
+    """Nobody knows whether it has that variant."""
+    path = folder / "lrf.scenario.yaml"
+    path.write_text(path.read_text() + "matrix: {sensors.components.lrf.severity: [high, moderate]}\n")
+    (folder / "bad.scenario.yaml").write_text("version: 1\nwhat: 3\n")
+    assert main([verb, str(folder), "--no-goldens", "--variant", "severity=high"]) == 1
+    assert capsys.readouterr().out.startswith("ERROR        bad: suite/bad.scenario.yaml:2: what: is an unknown key")
 
 
 def test_an_override_of_the_command_line_is_named_as_it_was_written(tmp_path, monkeypatch):

@@ -12,6 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
+from replay_bags import break_chunk, flight_rows, write_bag
 
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.events import CheckName
@@ -21,10 +22,11 @@ from amaze_autonomy.simulation.run import run
 from amaze_autonomy.simulation.scenario import Scenario
 from amaze_autonomy.tester import Options, Result, Task, Verdict, run_task, tasks_of
 from amaze_autonomy.tester.command import main
-from amaze_autonomy.tester.coverage import coverage_of
+from amaze_autonomy.tester.coverage import Coverage, coverage_of
 from amaze_autonomy.tester.report_pages import page_content, write_page
 from amaze_autonomy.tester.shrink import MOST_LINES
 
+MAP = Path(__file__).parents[1] / "replay" / "flight.yaml"
 REASON = "--reason=the first run, and it is right"
 
 
@@ -51,6 +53,27 @@ def test_the_other_configuration_may_be_a_file(folder, capsys):
 def test_a_rule_that_does_not_matter_changes_nothing(folder, capsys):
     assert main(["what-if", str(folder), "--against", "autonomy.recording.data_cleanup_limit_s=1700"]) == 0
     assert capsys.readouterr().out == "1 flights: 0 end otherwise, 0 decide otherwise and end alike\n"
+
+
+def test_a_damaged_recording_that_is_decided_alike_is_no_success(folder, capsys):
+    bag = write_bag(folder / "x.bag", flight_rows(), "bz2")
+    break_chunk(bag, -1, 60, 100)
+    (folder / "lrf.scenario.yaml").write_text(f"version: 1\ndescription: x\nbags: [{{path: x.bag}}]\nmap: {MAP}\n")
+    assert main(["what-if", str(folder), "--against", "autonomy.flight.max_height_m=45.0"]) == 3
+    assert capsys.readouterr().out.startswith("DAMAGED      lrf: ")
+
+
+def test_no_mutant_of_a_name_is_wrong_use(folder, capsys):
+    assert main(["mutate", str(folder), "--only", "nonsense"]) == 2
+    assert capsys.readouterr().err == "amaze-replay: no mutant is called so: its name would hold 'nonsense'\n"
+
+
+def test_coverage_is_not_passed_while_a_scenario_cannot_be_run(folder, capsys, monkeypatch):
+    monkeypatch.setattr(Coverage, "passed", True)
+    assert main(["coverage", str(folder)]) == 0
+    (folder / "bad.scenario.yaml").write_text("version: 1\nwhat: 3\n")
+    assert main(["coverage", str(folder)]) == 1
+    assert capsys.readouterr().err.startswith("ERROR: bad: ")
 
 
 def test_a_configuration_that_cannot_be_is_said_and_is_no_success(folder, capsys):

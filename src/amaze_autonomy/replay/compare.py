@@ -247,6 +247,8 @@ def law_lines(lawful: Lawful) -> Tuple[str, ...]:
         )
     if lawful.truncated:
         lines.append("the end of the journal is cut off")
+    if not judged.events:
+        lines.append("there is no event in the journal: nothing was checked")
     spoke = len(set(judged.applied) | {each.law.name for each in judged.broken})
     found = f"{len(judged.broken)} broken" if judged.broken else "none broken"
     checked = f"{judged.events:,} events, {spoke} of {len(LAWS)} laws applied {sum(judged.applied.values()):,} times"

@@ -224,6 +224,8 @@ def comparison_lines(comparison: Comparison) -> List[str]:
     """Return what came of deciding a journal again, for people."""
     counts = f"{comparison.events} events decided again, {comparison.decisions} decisions in the journal"
     lines = [f"{counts}: {_count(comparison.differences)}."]
+    if not comparison.events:
+        lines.append("There is no event in the journal: nothing was compared.")
     if comparison.truncated:
         lines.append("The journal is cut off: the process was killed while it wrote. All whole lines were compared.")
     if comparison.first is not None:

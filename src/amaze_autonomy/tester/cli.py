@@ -18,7 +18,16 @@ from amaze_autonomy.whole_file import write_whole
 from ..pages.document import need_plots
 from ..replay.errors import ReplayError
 from ..replay.recordings.journals import read_journals
-from .coverage import Coverage, coverage_lines, coverage_of, hunts_of, mutation_lines, mutation_passed, run_hunts
+from .coverage import (
+    Coverage,
+    check_only,
+    coverage_lines,
+    coverage_of,
+    hunts_of,
+    mutation_lines,
+    mutation_passed,
+    run_hunts,
+)
 from .difference import agree, agreement_lines
 from .golden import check_reason, compare_with_golden, golden_path, orphans, read_golden, write_golden
 from .report_pages import write_page, write_sweep_page
@@ -179,12 +188,13 @@ def _jobs(options: argparse.Namespace) -> int:
 
 
 def _coverage(options: argparse.Namespace) -> int:
-    _, _, coverage, _ = _covered(options)
+    _, results, coverage, _ = _covered(options)
     show_lines(coverage_lines(coverage, verbose=options.verbose))
-    return 0 if coverage.passed else 1
+    return 1 if not coverage.passed or any(each.verdict is Verdict.ERROR for each in results) else 0
 
 
 def _mutate(options: argparse.Namespace) -> int:
+    check_only(options.only)
     tasks, results, coverage, waivers = _covered(options)
     hunts = hunts_of(tasks, results, coverage, options.only)
 

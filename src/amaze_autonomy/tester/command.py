@@ -418,7 +418,7 @@ def _journal(options: argparse.Namespace) -> int:
         journal_page(options.file, journals[-1], comparisons[-1], rules, options.memory).write(options.html)
     if any(each.differences for each in comparisons):
         return DIFFERENT
-    return PARTIAL if any(each.truncated for each in comparisons) else DONE
+    return PARTIAL if any(each.truncated or not each.events for each in comparisons) else DONE
 
 
 def _laws(options: argparse.Namespace) -> int:
@@ -435,8 +435,8 @@ def _laws(options: argparse.Namespace) -> int:
             show_lines(law_lines(each))
     if any(each.judged.broken for each in found):
         return DIFFERENT
-    other = [each for each in found if each.truncated or (each.different and rules is None)]
-    return PARTIAL if other else DONE
+    other = [each.truncated or not each.judged.events or (each.different and rules is None) for each in found]
+    return PARTIAL if any(other) else DONE
 
 
 if __name__ == "__main__":

@@ -381,6 +381,16 @@ class Survival:
     unknown: str = ""
 
 
+def check_only(only: str) -> None:
+    """Refuse a text that no mutant's name holds.
+
+    Raises:
+        ReplayError: there is none.
+    """
+    if not any(only in str(mutant) for mutant in mutants_of(load_configuration(config_folder()).rules)):
+        raise ReplayError(f"no mutant is called so: its name would hold {only!r}")
+
+
 def hunts_of(tasks: Sequence[Task], results: Sequence[Result], coverage: Coverage, only: str = "") -> Tuple[Hunt, ...]:
     """Return a hunt for each mutant of the shipped rules.
 

@@ -148,13 +148,13 @@ def waivers_of(options: argparse.Namespace) -> Mapping[str, str]:
 
 
 def chosen(options: argparse.Namespace, run: Options) -> Tuple[Task, ...]:
-    """Return the tasks that were chosen.
+    """Return the tasks that were chosen; a file with a mistake is one of them, whatever variant it may have.
 
     Raises:
         ReplayError: there is no scenario at one of the paths, or none with this tag and variant.
     """
     tasks = tasks_of(options.paths, run, tuple(options.tag))
-    found = tuple(task for task in tasks if options.variant is None or task.variant == options.variant)
+    found = tuple(task for task in tasks if options.variant is None or task.error or task.variant == options.variant)
     if not found:
         variants = dict.fromkeys(repr(task.variant) for task in tasks if task.variant)
         known = f"; the variants are {', '.join(variants)}" if tasks and variants else ""

@@ -101,13 +101,14 @@ def _broken(*results: Result) -> Optional[Result]:
 
 
 def what_if_status(forks: Sequence[Fork]) -> int:
-    """Return the exit status: 1 different, or it cannot be run; 4 keys were not looked at; 3 a bag is missing."""
+    """Return the exit status: 1 different, or it cannot be run; 4 keys were not looked at; 3 a bag is not whole."""
     broken = [each.verdict for each in (_broken(fork.one, fork.other) for fork in forks) if each is not None]
     if any(fork.difference for fork in forks) or Verdict.ERROR in broken:
         return 1
     if any(fork.unread for fork in forks):
         return EXIT_STATUS[Verdict.VACUOUS]
-    return EXIT_STATUS[Verdict.INCONCLUSIVE] if broken else 0
+    verdicts = [each.verdict for fork in forks for each in (fork.one, fork.other)]
+    return EXIT_STATUS[Verdict.INCONCLUSIVE] if Verdict.INCONCLUSIVE in verdicts else 0
 
 
 def motions(decisions: Sequence[Decision]) -> Tuple[str, ...]:
