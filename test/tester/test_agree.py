@@ -67,10 +67,43 @@ def test_anything_else_differs(other, words):
     assert agreement_lines(result)[-1].startswith("DIFFER: ")
 
 
+def replay_of(run):
+    """Return the same as a replay, which is never told to end."""
+    header = JournalLine("header", {"program": "amaze-replay"}, 1)
+    return replace(run, lines=(header, *run.lines))
+
+
+def test_a_run_that_died_while_the_other_went_on_is_no_agreement():
+    result = agree(journal(HOLDS, until_s=8), journal(HOLDS, LANDS), 0.15)
+    assert not result.agreed
+    assert agreement_lines(result)[-2:] == [
+        "the first ends at +7.000 s: 1 decisions of the other were not compared",
+        "BROKEN OFF: 1 of 1 decisions are the same within 0.15 s; the furthest apart by 0.000 s",
+    ]
+    assert not agree(replay_of(journal(HOLDS, LANDS)), journal(HOLDS, until_s=8), 0.15).agreed
+
+
+def test_a_journal_that_is_cut_off_is_no_agreement():
+    cut = replace(journal(HOLDS, LANDS), truncated=True)
+    for one, other in ((cut, journal(HOLDS, LANDS)), (journal(HOLDS, LANDS), cut), (replay_of(cut), journal(HOLDS))):
+        assert not agree(one, other, 0.15).agreed
+    said = agreement_lines(agree(journal(HOLDS, LANDS), cut, 0.15))[-2]
+    assert said == "the second is cut off at +19.000 s: 0 decisions of the other were not compared"
+
+
+def test_a_bag_with_several_journals_is_refused(folder, capsys, monkeypatch):  # noqa: ARG001
+    monkeypatch.setattr("amaze_autonomy.tester.cli.read_journals", lambda *_, **__: (journal(HOLDS), journal(LANDS)))
+    assert main(["agree", "one.bag", "other.bag"]) == 2
+    words = "one.bag: holds 2 journals, of an engine that was started anew; name the file of one of them instead"
+    assert capsys.readouterr().err == f"amaze-replay: {words}\n"
+
+
 def test_what_comes_after_the_end_of_the_shorter_run_or_of_its_end_does_not_count():
     ends = decision(15, "interrupted", event="Shutdown")
     longer = journal(HOLDS, LANDS, until_s=15, more=(Shutdown(t_ns=15 * S, signal="SIGINT"), ends))
-    assert agree(journal(HOLDS, until_s=8), longer, 0.15).agreed
+    result = agree(replay_of(journal(HOLDS, until_s=8)), longer, 0.15)
+    assert result.agreed
+    assert agreement_lines(result)[-2] == "the first ends at +7.000 s: 1 decisions of the other were not compared"
     assert agree(longer, journal(HOLDS, LANDS), 0.15).agreed
 
 

@@ -15,6 +15,7 @@ from amaze_autonomy.bags.cli import add_memory
 from amaze_autonomy.replay.errors import GoldenError
 from amaze_autonomy.whole_file import write_whole
 
+from ..journal.journal import Journal
 from ..pages.document import need_plots
 from ..replay.errors import ReplayError
 from ..replay.recordings.journals import read_journals
@@ -311,10 +312,23 @@ def _add_agree(commands: Any) -> None:
 
 
 def _agree(options: argparse.Namespace) -> int:
-    one, other = (read_journals(path, memory=options.memory)[-1] for path in (options.one, options.other))
+    one, other = (_only_journal(path, options.memory) for path in (options.one, options.other))
     result = agree(one, other, options.tolerance)
     show_lines(agreement_lines(result))
     return 0 if result.agreed else 1
+
+
+def _only_journal(path: Path, memory: int) -> Journal:
+    """Return the journal of a run.
+
+    Raises:
+        ReplayError: the bag holds several, and it is not known which one is meant.
+    """
+    journals = read_journals(path, memory=memory)
+    if len(journals) > 1:
+        words = f"{path}: holds {len(journals)} journals, of an engine that was started anew"
+        raise ReplayError(f"{words}; name the file of one of them instead")
+    return journals[0]
 
 
 def _add_file(parser: argparse.ArgumentParser) -> None:

@@ -291,11 +291,15 @@ class Agreement:
         changes: of every decision.
         start_ns: zero of the times: the first event of the first run.
         tolerance_s: how far apart the times of a decision may be.
+        not_compared: what is left out because a journal ends before it, a line for each journal.
+        broken_off: a journal is cut off, or its engine died while the other one went on deciding.
     """
 
     changes: Tuple[Change, ...]
     start_ns: int
     tolerance_s: float
+    not_compared: Tuple[str, ...] = ()
+    broken_off: bool = False
 
     @property
     def furthest_s(self) -> float:
@@ -309,12 +313,14 @@ class Agreement:
 
     @property
     def agreed(self) -> bool:
-        """Tell whether the two runs decide the same, and decide something."""
-        return bool(self.changes) and not self.wrong
+        """Tell whether the two runs decide the same, and decide something, and neither broke off."""
+        return bool(self.changes) and not self.wrong and not self.broken_off
 
 
 def agree(one: Journal, other: Journal, tolerance_s: float) -> Agreement:
     """Compare the decisions of two runs, up to the end of the shorter one.
+
+    A run ends by being told to, and a replay with its recording. One that ends otherwise broke off.
 
     Args:
         one: journal of a run.
@@ -324,7 +330,24 @@ def agree(one: Journal, other: Journal, tolerance_s: float) -> Agreement:
     start_ns, end_ns = _span(one)
     end_ns = min(end_ns, _span(other)[1])
     changes = align(_decisions(one, end_ns), _decisions(other, end_ns))
-    return Agreement(changes, start_ns, tolerance_s)
+    lines: List[str] = []
+    broken_off = False
+    for name, shorter, longer in (("first", one, other), ("second", other, one)):
+        own_end_ns = _span(shorter)[1]
+        later = sum(_kept(each) and each.t_ns > own_end_ns + tolerance_s * 1e9 for each in _made(longer))
+        cut = "is cut off" if shorter.truncated else "ends"
+        if later or shorter.truncated:
+            at_s = (own_end_ns - start_ns) / 1e9
+            lines.append(f"the {name} {cut} at {at_s:+.3f} s: {later} decisions of the other were not compared")
+        broken_off |= shorter.truncated or bool(later and not _ends_as_it_should(shorter))
+    return Agreement(changes, start_ns, tolerance_s, tuple(lines), broken_off)
+
+
+def _ends_as_it_should(journal: Journal) -> bool:
+    """Tell whether a run was told to end, or is a replay, which ends with its recording."""
+    header = journal.lines[0].payload
+    replayed = isinstance(header, dict) and header.get("program") == "amaze-replay"
+    return replayed or any(isinstance(line.payload, Shutdown) for line in journal.lines)
 
 
 def _span(journal: Journal) -> Tuple[int, int]:
@@ -339,8 +362,11 @@ def _span(journal: Journal) -> Tuple[int, int]:
 
 
 def _decisions(journal: Journal, end_ns: int) -> Tuple[Decision, ...]:
-    found = (line.payload for line in journal.lines)
-    return tuple(each for each in found if isinstance(each, Decision) and each.t_ns <= end_ns and _kept(each))
+    return tuple(each for each in _made(journal) if each.t_ns <= end_ns and _kept(each))
+
+
+def _made(journal: Journal) -> Tuple[Decision, ...]:
+    return tuple(line.payload for line in journal.lines if isinstance(line.payload, Decision))
 
 
 def _kept(decision: Decision) -> bool:
@@ -357,9 +383,9 @@ def agreement_lines(result: Agreement) -> List[str]:
     """Return every decision with its two times, and the verdict."""
     lines = [_line(change, result) for change in result.changes]
     many, wrong = len(result.changes), len(result.wrong)
-    said = "agree" if result.agreed else "DIFFER" if many else "NO DECISION TO COMPARE"
+    said = "agree" if result.agreed else "DIFFER" if wrong else "BROKEN OFF" if many else "NO DECISION TO COMPARE"
     verdict = f"{said}: {many - wrong} of {many} decisions are the same within {result.tolerance_s:g} s"
-    return [*lines, f"{verdict}; the furthest apart by {result.furthest_s:.3f} s"]
+    return [*lines, *result.not_compared, f"{verdict}; the furthest apart by {result.furthest_s:.3f} s"]
 
 
 def _line(change: Change, result: Agreement) -> str:
