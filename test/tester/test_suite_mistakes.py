@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
 
 from amaze_autonomy.tester.command import main
@@ -71,6 +73,25 @@ def test_a_file_with_a_mistake_is_an_error_whatever_variant_is_wanted(folder, ca
     (folder / "bad.scenario.yaml").write_text("version: 1\nwhat: 3\n")
     assert main([verb, str(folder), "--no-goldens", "--variant", "severity=high"]) == 1
     assert capsys.readouterr().out.startswith("ERROR        bad: suite/bad.scenario.yaml:2: what: is an unknown key")
+
+
+def test_a_mistake_in_a_file_is_no_reason_to_delete_its_goldens(folder, capsys):
+    goldens = folder / "goldens"
+    path = folder / "lrf.scenario.yaml"
+    (folder / "other.scenario.yaml").write_text(path.read_text())
+    assert main(["accept", str(folder), "--reason=the first run, and it is right"]) == 0
+    for name in ("lrf@severity=low", "lrfs", "lrfs@severity=low"):  # a variant of it, and two of no scenario
+        shutil.copy(goldens / "lrf.golden.jsonl", goldens / f"{name}.golden.jsonl")
+    path.write_text(path.read_text().replace("faults:", "fault:"))
+    capsys.readouterr()
+    assert main(["test", str(folder)]) == 1
+    lines = [line for line in capsys.readouterr().out.splitlines() if not line.startswith(" ")]
+    assert [line.split(": ")[0].split() for line in lines[:-1]] == [
+        ["ERROR", "lrf"],
+        ["PASS", "other"],
+        ["FAIL", "lrfs.golden.jsonl"],
+        ["FAIL", "lrfs@severity=low.golden.jsonl"],
+    ]
 
 
 def test_an_override_of_the_command_line_is_named_as_it_was_written(tmp_path, monkeypatch):

@@ -30,7 +30,7 @@ from .coverage import (
     run_hunts,
 )
 from .difference import agree, agreement_lines
-from .golden import check_reason, compare_with_golden, golden_path, orphans, read_golden, write_golden
+from .golden import check_reason, compare_with_golden, golden_path, may_be_of, orphans, read_golden, write_golden
 from .report_pages import write_page, write_sweep_page
 from .run import case_of, run_task, run_tasks
 from .scenario import Case, load_cases
@@ -400,8 +400,12 @@ def accept(
 
 
 def lonely_goldens(tasks: Sequence[Task]) -> Tuple[Result, ...]:
-    """Return a failed result for each golden that belongs to none of the tasks; for a full run."""
+    """Return a failed result for each golden that belongs to none of the tasks; for a full run.
+
+    What may be of a file with a mistake is none of them: nobody should delete it for a slip of the keyboard.
+    """
     cases = [case_of(task) for task in tasks if not task.error]
+    unreadable = [Path(task.path) for task in tasks if task.error]
     return tuple(
         Result(
             id=path.name,
@@ -413,6 +417,7 @@ def lonely_goldens(tasks: Sequence[Task]) -> Tuple[Result, ...]:
             command=f"amaze-replay test {path.parent.parent}",
         )
         for path in orphans(cases)
+        if not any(may_be_of(path, each) for each in unreadable)
     )
 
 

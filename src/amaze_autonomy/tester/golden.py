@@ -18,6 +18,7 @@ from amaze_autonomy.replay.errors import GoldenError
 from amaze_autonomy.whole_file import write_whole
 
 from .difference import align, is_same, told
+from .scenario.files import scenario_name
 from .scenario.model import Case
 
 FOLDER = "goldens"
@@ -85,6 +86,13 @@ def orphans(cases: Iterable[Case]) -> Tuple[Path, ...]:
     folders: List[Path] = list(dict.fromkeys(path.parent for path in known))
     found = (path for folder in folders for path in sorted(folder.glob(f"*{_SUFFIX}")))
     return tuple(path for path in found if path not in known)
+
+
+def may_be_of(golden: Path, scenario: Path) -> bool:
+    """Tell whether a golden may be of the file of a scenario, whose variants nobody knows while it has a mistake."""
+    name = scenario_name(scenario)
+    beside = golden.parent == scenario.parent / FOLDER
+    return beside and (golden.name == f"{name}{_SUFFIX}" or golden.name.startswith(f"{name}@"))
 
 
 def _checked(header: Any) -> Mapping[str, Any]:

@@ -150,7 +150,7 @@ def _case(tree: Entry, path: Path, variant: str) -> Case:
     _check_anchors(tree, anchors, expectations, len(values.get("faults", ())))
     return Case(
         path=path,
-        name=_name(path),
+        name=scenario_name(path),
         variant=variant,
         description=values["description"],
         bags=tuple(Bag(_located(folder, bag["path"]), bag["sha256"] or "") for bag in values.get("bags", ())),
@@ -178,7 +178,8 @@ def _case(tree: Entry, path: Path, variant: str) -> Case:
     )
 
 
-def _name(path: Path) -> str:
+def scenario_name(path: Path) -> str:
+    """Return the name of the scenario in a file, which can be read or not."""
     return path.name[: -len(SUFFIX)] if path.name.endswith(SUFFIX) else path.stem
 
 
