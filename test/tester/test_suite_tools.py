@@ -25,6 +25,7 @@ from amaze_autonomy.tester.command import main
 from amaze_autonomy.tester.coverage import Coverage, coverage_of
 from amaze_autonomy.tester.report_pages import page_content, write_page
 from amaze_autonomy.tester.shrink import MOST_LINES
+from amaze_autonomy.tester.whatif import NOTHING, letters_of
 
 MAP = Path(__file__).parents[1] / "replay" / "flight.yaml"
 REASON = "--reason=the first run, and it is right"
@@ -119,6 +120,38 @@ def test_a_sweep_is_drawn_with_its_boundary_in_one_page_that_loads_nothing(folde
     middle = (boundary["after_s"] + boundary["before_s"]) / 2
     assert content["regions"] == [[0.0, middle, "TAKEOFF HOLD LAND"], [middle, 40.0, "TAKEOFF"]]
     assert not LOADS.findall(own)
+
+
+def test_a_sweep_says_where_its_fault_did_nothing_and_draws_no_boundary_there(folder, capsys):
+    write_bag(folder / "x.bag", flight_rows())
+    path = folder / "lrf.scenario.yaml"
+    fault = "{topic: /imu, fault: silent, at_s: 1.0}"
+    path.write_text(f"version: 1\ndescription: x\nbags: [{{path: x.bag}}]\nmap: {MAP}\nfaults: [{fault}]\n")
+    words = ["sweep", str(path), "--from", "20", "--to", "60", "--step", "20", "--resolution", "5"]
+    assert main([*words, "--json", "map.json", "--html", "map.html"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    acted = lines[2].split("A  ")[1]
+    assert lines[1:4] == ["20 s [A--] 60 s", f"  A  {acted}", f"  -  {NOTHING}"]
+    assert lines[4:] == ["3 runs, 2 in which the fault did nothing, 1 outcomes, 0 boundaries"]
+    found = json.loads(Path("map.json").read_text())
+    assert found["points"][0]["began_s"] == 20.0
+    assert (found["boundaries"], found["fault_did_nothing"]) == ([], 2)
+    content, _ = parts_of(Path("map.html"))
+    assert content["regions"] == [[20.0, 30.0, acted], [30.0, 60.0, NOTHING]]
+    assert content["letters"] == {acted: "A", NOTHING: "-"}
+
+
+def test_a_sweep_of_a_fault_that_never_begins_is_no_success(folder, capsys):
+    path = folder / "lrf.scenario.yaml"
+    path.write_text(path.read_text().replace("event: airborne", "event: pilot"))
+    assert main(["sweep", str(path), "--to", "2"]) == 4
+    assert capsys.readouterr().out.endswith("3 runs, 3 in which the fault did nothing, 0 outcomes, 0 boundaries\n")
+
+
+def test_no_letter_stands_for_two_outcomes():
+    found = letters_of([*map(str, range(100)), NOTHING])
+    assert len(set(found.values())) == 101
+    assert "".join(found.values())[:27] == "ABCDEFGHIJKLMNOPQRSTUVWXYZa"
 
 
 def test_a_sweep_of_a_fault_that_there_is_not_is_wrong_use(folder, capsys):

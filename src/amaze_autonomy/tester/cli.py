@@ -60,7 +60,7 @@ from .terminal import (
     show_lines,
     waivers_of,
 )
-from .whatif import other_options, sweep, sweep_lines, sweep_plain, what_if, what_if_lines, what_if_status
+from .whatif import other_options, sweep, sweep_lines, sweep_plain, sweep_status, what_if, what_if_lines, what_if_status
 
 _Parsers = Any
 _STARTED = '{"version": 1, "verdict": "ERROR", "headline": "the run has not ended"}\n'
@@ -273,7 +273,7 @@ def _sweep(options: argparse.Namespace) -> int:
         write_whole(options.json, json.dumps(sweep_plain(result), indent=1) + "\n")
     if options.html is not None:
         write_sweep_page(options.html, case.id, result)
-    return 0
+    return sweep_status(result)
 
 
 def _progress(t_s: float, outcome: str) -> None:

@@ -63,6 +63,7 @@ class Played:
         marks: what went wrong and what the user asked, for reports.
         unread: changed keys of the configuration that nothing looked at; those of the scenario and of the run are in
             `vacuous` as well.
+        idle: numbers of the faults that did nothing, from 0: they never began, or touched nothing.
     """
 
     lines: Tuple[str, ...]
@@ -71,6 +72,7 @@ class Played:
     broken: Tuple[str, ...] = ()
     marks: Tuple[Mark, ...] = ()
     unread: Tuple[Unread, ...] = ()
+    idle: Tuple[int, ...] = ()
 
 
 def configuration_of(case: Case, options: Options) -> Configuration:
@@ -352,7 +354,8 @@ def _played(outcome: Outcome, acting: Sequence[Acting], touched: Sequence[int], 
     ]
     vacuous += [str(each) for each in outcome.unread]
     marks = _marks_of_bags(outcome, acting)
-    return Played(outcome.journal, trace, tuple(vacuous), tuple(broken), marks, outcome.unread)
+    idle = tuple(number for number, count in enumerate(touched) if not count)
+    return Played(outcome.journal, trace, tuple(vacuous), tuple(broken), marks, outcome.unread, idle)
 
 
 def _marks_of_bags(outcome: Outcome, acting: Sequence[Acting]) -> Tuple[Mark, ...]:
@@ -417,7 +420,8 @@ def _simulate(case: Case, options: Options, rules: Optional[Rules]) -> Played:
 
     unread = (*blind, *keys.unread(same))
     trace, marks = trace_of(result.lines, 0, None, began), _marks_of_a_simulation(result.history)
-    return Played(result.lines, trace, (*vacuous, *map(str, unread)), (), marks, unread)
+    idle = tuple(number for number, t_ns in enumerate(began) if t_ns is None)
+    return Played(result.lines, trace, (*vacuous, *map(str, unread)), (), marks, unread, idle)
 
 
 def _decided_keys(case: Case, options: Options, rules: Optional[Rules]) -> Tuple[DecidedKeys, Tuple[Unread, ...]]:

@@ -19,7 +19,7 @@ from .difference import align, without_numbers
 from .golden import golden_path, read_golden
 from .scenario import load_cases
 from .task import Result, Verdict
-from .whatif import Flight, Sweep
+from .whatif import Flight, Sweep, letters_of
 
 # --- content ----------------------------------------------------------------------------------------------------------
 # What the page shows, as plain values: lanes over time, decisions with their values, coverage, speed.
@@ -164,14 +164,13 @@ def sweep_content(title: str, result: Sweep) -> Dict[str, Any]:
     outcomes = list(dict.fromkeys(flight.outcome for flight in result.flights))
     columns = list(zip(result.flights, _columns(result.flights)))
     boundaries = [(each.after_s, each.before_s, *each.outcomes) for each in result.boundaries]
-    marks = [(after_s + before_s) / 2 for after_s, before_s, *_ in boundaries]
-    ends = [result.flights[0].t_s, *marks, result.flights[-1].t_s]
+    letters = letters_of(outcomes)
     return {
         "title": title,
         "about": f"{result.fault}. {result.runs} runs, {len(outcomes)} outcomes, {len(boundaries)} boundaries.",
         "clock": result.clock,
         "colours": dict(STATE_COLOURS),
-        "letters": {outcome: chr(ord("A") + number % 26) for number, outcome in enumerate(outcomes)},
+        "letters": {outcome: letters[outcome] for outcome in outcomes},
         "runs": {outcome: sum(flight.outcome == outcome for flight in result.flights) for outcome in outcomes},
         "bars": [
             ((left + right) / 2, right - left, begin_s, end_s, state, flight.t_s)
@@ -179,9 +178,16 @@ def sweep_content(title: str, result: Sweep) -> Dict[str, Any]:
             for begin_s, end_s, state in flight.states
         ],
         "began": [(flight.t_s, flight.began_s) for flight in result.flights if flight.began_s is not None],
-        "regions": list(zip(ends, ends[1:], [*(each[2] for each in boundaries), result.flights[-1].outcome])),
+        "regions": _regions(result.flights),
         "boundaries": boundaries,
     }
+
+
+def _regions(flights: Sequence[Flight]) -> List[Tuple[float, float, str]]:
+    """Return from where to where there is which outcome: half-way between neighbours that differ."""
+    edges = [(one, other) for one, other in zip(flights, flights[1:]) if one.outcome != other.outcome]
+    ends = [flights[0].t_s, *((one.t_s + other.t_s) / 2 for one, other in edges), flights[-1].t_s]
+    return list(zip(ends, ends[1:], [*(one.outcome for one, _ in edges), flights[-1].outcome]))
 
 
 def _columns(flights: Sequence[Flight]) -> List[Tuple[float, float]]:

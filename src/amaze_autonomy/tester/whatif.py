@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from string import ascii_lowercase, ascii_uppercase, digits
+from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.config.document import read
 from amaze_autonomy.engine.commands import Decision
 
-from ..journal.trace import Trace
 from ..replay.changed_keys import written
 from ..replay.errors import DamagedInputError, ReplayError
 from .difference import align, first_difference, told
 from .golden import decisions_of
-from .play import play
+from .play import Played, play
 from .run import run_tasks
 from .scenario import Case
 from .scenario.model import CONFIGURATION
@@ -157,6 +157,8 @@ def what_if_lines(forks: Sequence[Fork]) -> List[str]:
 
 
 _S = 1_000_000_000
+NOTHING = "the fault did nothing: it never began, or it touched nothing"
+_LETTERS = ascii_uppercase + ascii_lowercase + digits
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,7 @@ class Flight:
     Args:
         t_s: time of the fault that was asked for.
         began_s: when it began in the flight; None: it did not.
-        outcome: the motions that were commanded.
+        outcome: the motions that were commanded; NOTHING where the fault did not begin or touched nothing.
         states: (begin and end in seconds, state), in order.
     """
 
@@ -213,6 +215,11 @@ class Sweep:
     def runs(self) -> int:
         """How many there were."""
         return len(self.flights)
+
+    @property
+    def idle(self) -> int:
+        """In how many of them the fault did nothing."""
+        return sum(flight.outcome == NOTHING for flight in self.flights)
 
 
 def sweep(
@@ -264,26 +271,30 @@ class _Runner:
             played = play(self._at(t_s), Options())
             if played.broken:
                 raise DamagedInputError(f"{self._case.path}: {played.broken[0]}")
-            self._known[t_s] = self._flight(t_s, played.trace)
+            self._known[t_s] = self._flight(t_s, played)
             if self._told is not None:
                 self._told(t_s, self._known[t_s].outcome)
         return self._known[t_s].outcome
 
-    def _flight(self, t_s: float, trace: Trace) -> Flight:
+    def _flight(self, t_s: float, played: Played) -> Flight:
+        trace = played.trace
         began_ns = trace.faults[self._number] if self._number < len(trace.faults) else None
         spans = [(trace.seconds(span.begin_ns), trace.seconds(span.end_ns), span.value) for span in trace.states]
         states = tuple((round(begin, 3), round(end, 3), value.split("/")[0]) for begin, end, value in spans)
         began_s = None if began_ns is None else round(trace.seconds(began_ns), 3)
-        return Flight(t_s, began_s, " ".join(motions(trace.decisions)) or "no motion", states)
+        moved = " ".join(motions(trace.decisions)) or "no motion"
+        return Flight(t_s, began_s, NOTHING if self._number in played.idle else moved, states)
 
     def between(self, t_s: float, one: str, next_s: float, other: str, resolution_s: float) -> List[Boundary]:
         """Return the boundaries between two times; a third outcome in the middle makes two of one."""
-        if one == other:
+        if one == other or NOTHING in (one, other):  # where the fault does nothing the flight is as without it
             return []
         if next_s - t_s <= resolution_s:
             return [Boundary(t_s, next_s, (one, other))]
         middle_s = round((t_s + next_s) / 2, 6)
         middle = self.outcome(middle_s)
+        if middle == NOTHING:
+            return [Boundary(t_s, next_s, (one, other))]
         left = self.between(t_s, one, middle_s, middle, resolution_s)
         return left + self.between(middle_s, middle, next_s, other, resolution_s)
 
@@ -295,30 +306,47 @@ class _Runner:
         return replace(self._case, faults=tuple(faults))
 
 
+def letters_of(outcomes: Iterable[str]) -> Dict[str, str]:
+    """Return a letter for each outcome, in order, and none twice."""
+    kinds = [outcome for outcome in dict.fromkeys(outcomes) if outcome != NOTHING]
+    beyond = ord("\u0100") - len(_LETTERS)
+    found = {outcome: _LETTERS[n] if n < len(_LETTERS) else chr(beyond + n) for n, outcome in enumerate(kinds)}
+    return {**found, NOTHING: "-"}
+
+
+def sweep_status(result: Sweep) -> int:
+    """Return the exit status: 4 when the fault did nothing at any time."""
+    return EXIT_STATUS[Verdict.VACUOUS] if result.idle == result.runs else 0
+
+
 def sweep_lines(result: Sweep) -> List[str]:
     """Return the map for a person: a letter for each time, what it means, and the boundaries."""
     outcomes = list(dict.fromkeys(outcome for _, outcome in result.points))
-    letters = {outcome: chr(ord("A") + number % 26) for number, outcome in enumerate(outcomes)}
+    letters = letters_of(outcomes)
     first, last = result.points[0][0], result.points[-1][0]
     row = "".join(letters[outcome] for _, outcome in result.points)
     lines = [f"{result.fault}, {result.clock}", f"{first:g} s [{row}] {last:g} s"]
-    lines += [f"  {letter}  {outcome}" for outcome, letter in letters.items()]
+    lines += [f"  {letter}  {outcome}" for outcome, letter in letters.items() if outcome in outcomes]
     lines += [
         f"between {each.after_s:.3f} s and {each.before_s:.3f} s: {each.outcomes[0]}  ->  {each.outcomes[1]}"
         for each in result.boundaries
     ]
-    return [*lines, f"{result.runs} runs, {len(outcomes)} outcomes, {len(result.boundaries)} boundaries"]
+    idle = f", {result.idle} in which the fault did nothing" if result.idle else ""
+    count = len([outcome for outcome in outcomes if outcome != NOTHING])
+    return [*lines, f"{result.runs} runs{idle}, {count} outcomes, {len(result.boundaries)} boundaries"]
 
 
 def sweep_plain(result: Sweep) -> Dict[str, Any]:
     """Return it as JSON values."""
+    began_s = {flight.t_s: flight.began_s for flight in result.flights}
     return {
         "fault": result.fault,
         "clock": result.clock,
-        "points": [{"t_s": t_s, "outcome": outcome} for t_s, outcome in result.points],
+        "points": [{"t_s": t_s, "began_s": began_s[t_s], "outcome": outcome} for t_s, outcome in result.points],
         "boundaries": [
             {"after_s": each.after_s, "before_s": each.before_s, "outcomes": list(each.outcomes)}
             for each in result.boundaries
         ],
         "runs": result.runs,
+        "fault_did_nothing": result.idle,
     }
