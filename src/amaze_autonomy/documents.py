@@ -23,7 +23,7 @@ from .config.reference import DOCUMENTS as CONFIGURATION
 from .config.reference import group_reference, shipped_file
 from .diagrams import PICTURES
 from .engine.commands import MESSAGES, AnswerKind
-from .engine.context import MODES, without
+from .engine.context import MISSION_MODE, MODES, SET_POINT_MODE, without_others
 from .engine.decide import ANSWERS, OTHERWISE, SELECT
 from .engine.events import UserCommand
 from .engine.failsafe import FAILSAFE_CONDITIONS
@@ -231,16 +231,9 @@ def _timer_table() -> str:
 
 def _mode_table() -> str:
     """Return which flight modes answer which command."""
-    ways = [
-        without(MODES, set_points=way == "set-points", by_mission=way == "mission")
-        for way in ("", "mission", "set-points")
-    ]
-    head = (
-        "Command",
-        "Flight modes that are ours",
-        "once AUTO.MISSION was flown",
-        "by set-points (`controller: offboard`)",
-    )
+    ways = [without_others(MODES, way) for way in ("", MISSION_MODE, SET_POINT_MODE)]
+    flown = ("once AUTO.MISSION was flown", "once OFFBOARD was, with `controller: offboard`")
+    head = ("Command", "Flight modes that are ours", *flown)
     return _table(head, [(a.name, *(", ".join(sorted(modes[a])) for modes in ways)) for a in MODES])
 
 

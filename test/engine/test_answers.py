@@ -137,20 +137,31 @@ def test_a_vehicle_that_was_switched_off_after_landing_can_be_acknowledged():
     story.expect("DATA_CLEANUP")
 
 
-@pytest.mark.parametrize("armed", [False, None])
-def test_a_vehicle_that_has_not_said_for_long_whether_it_has_landed_can_be_acknowledged(armed):
+@pytest.mark.parametrize("landed", [ev.VehicleLanded.UNKNOWN, ev.VehicleLanded.IN_AIR])
+def test_a_vehicle_that_has_been_disarmed_for_long_can_be_acknowledged_whatever_it_says_of_the_ground(landed):
     story = at("PILOT")
-    story.vehicle.says.update(armed=armed, landed=ev.VehicleLanded.UNKNOWN)
+    story.vehicle.says.update(armed=True, landed=landed)
+    story.after(40.0).vehicle.says.update(armed=False)
     story.after(29.0)
     assert story.user("acknowledge")[0] == "REFUSED"
-    assert story.after(2.0).user("acknowledge")[0] == "DONE"
+    answer = story.after(2.0).user("acknowledge")
+    assert answer == ("DONE", "Acknowledged; it is disarmed, and does not say that it has landed.")
     story.expect("DATA_CLEANUP")
 
 
-def test_one_that_says_it_is_armed_cannot():
+@pytest.mark.parametrize("armed", [True, None])
+def test_one_that_does_not_say_that_it_is_disarmed_cannot(armed):
     story = at("PILOT")
-    story.vehicle.says.update(armed=True, landed=ev.VehicleLanded.UNKNOWN)
+    story.vehicle.says.update(armed=armed, landed=ev.VehicleLanded.UNKNOWN)
     assert story.after(40.0).user("acknowledge")[0] == "REFUSED"
+
+
+def test_a_silence_of_the_vehicle_is_no_time_in_which_it_was_disarmed():
+    story = at("PILOT")
+    story.vehicle.says.update(armed=False, landed=ev.VehicleLanded.UNKNOWN)
+    story.after(15.0).silent.append("autopilot")
+    story.after(10.0).silent.clear()
+    assert story.after(10.0).user("acknowledge")[0] == "REFUSED"
 
 
 def test_require_go_waits_for_the_go():

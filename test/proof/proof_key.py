@@ -261,7 +261,7 @@ def _flight(state: EngineState, caps: Dict[str, int]) -> Key:
         state.flight.mode_before if state.flight.confirmed is None else "",
         state.flight.mode_shown,
         state.flight.mode_flown,
-        state.flight.by_mission,
+        state.flight.flown_by,
         state.flight.hold_repeated,
         _age(state, caps, "vehicle.moving_ns"),
         state.flight.interrupted if state.state is State.HOLD else None,

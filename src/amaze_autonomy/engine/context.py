@@ -36,13 +36,13 @@ LANDING_MODES: FrozenSet[str] = frozenset({"AUTO.LAND", "AUTO.PRECLAND"})
 HOLDING_MODES: FrozenSet[str] = frozenset({"AUTO.LOITER"})
 
 TAKES_OFF = (MissionAction.TAKEOFF, MissionAction.RESUME)
-MISSION_MODE = "AUTO.MISSION"
-FLYING_MODES: FrozenSet[str] = frozenset({"AUTO.TAKEOFF", MISSION_MODE, "OFFBOARD"})
+MISSION_MODE, SET_POINT_MODE = "AUTO.MISSION", "OFFBOARD"
+FLYING_MODES: FrozenSet[str] = frozenset({"AUTO.TAKEOFF", MISSION_MODE, SET_POINT_MODE})
 
 DIRECT_MODES: Mapping[MissionAction, FrozenSet[str]] = {
     MissionAction.TAKEOFF: FLYING_MODES,
     MissionAction.RESUME: FLYING_MODES,
-    MissionAction.HOLD: HOLDING_MODES | {"OFFBOARD"},
+    MissionAction.HOLD: HOLDING_MODES | {SET_POINT_MODE},
     MissionAction.LAND: LANDING_MODES,
     MissionAction.ABORT: LANDING_MODES,
 }
@@ -53,7 +53,7 @@ MODES: Mapping[MissionAction, FrozenSet[str]] = {
     MissionAction.TAKEOFF: FLYING_MODES | HOLDING_MODES,  # PX4 loiters after its takeoff
 }
 
-_ON_THE_WAY: Mapping[str, int] = {"AUTO.TAKEOFF": 1, "AUTO.LOITER": 1, "OFFBOARD": 2, MISSION_MODE: 3}
+_ON_THE_WAY: Mapping[str, int] = {"AUTO.TAKEOFF": 1, "AUTO.LOITER": 1, SET_POINT_MODE: 2, MISSION_MODE: 3}
 """How far a takeoff has come by its mode; some are left out: ArduPilot takes off in OFFBOARD (its GUIDED)."""
 
 
@@ -62,31 +62,25 @@ _OF_A_MISSION: Mapping[MissionAction, FrozenSet[str]] = {
     MissionAction.RESUME: frozenset({MISSION_MODE}),
     MissionAction.HOLD: HOLDING_MODES,
 }
-_OF_SET_POINTS: FrozenSet[str] = frozenset({"OFFBOARD"})
+_OF_SET_POINTS: FrozenSet[str] = frozenset({SET_POINT_MODE})
+Modes = Mapping[MissionAction, FrozenSet[str]]
 
 
-def without(
-    modes: Mapping[MissionAction, FrozenSet[str]], *, set_points: bool, by_mission: bool
-) -> Mapping[MissionAction, FrozenSet[str]]:
+def without_others(modes: Modes, flown_by: str) -> Modes:
     """Return the modes of each command without those of the other way to fly: they are somebody else's.
 
     Args:
         modes: `MODES` or `DIRECT_MODES`.
-        set_points: the mission is flown by set-points: no mission and no hold of the autopilot is ours.
-        by_mission: the flight was seen to be flown by a mission of the autopilot: no set-points are ours any more.
+        flown_by: the mode that the flight is flown in: by a mission of the autopilot no set-points are ours any more,
+            by set-points no mission and no hold of the autopilot; empty: not known, and all of them are.
     """
-    if set_points:
+    if flown_by == SET_POINT_MODE:
         return {action: names - _OF_A_MISSION.get(action, frozenset()) for action, names in modes.items()}
-    return {action: names - _OF_SET_POINTS for action, names in modes.items()} if by_mission else modes
+    return {action: names - _OF_SET_POINTS for action, names in modes.items()} if flown_by else modes
 
 
-_OWN = {
-    (set_points, by_mission): (
-        without(MODES, set_points=set_points, by_mission=by_mission),
-        without(DIRECT_MODES, set_points=set_points, by_mission=by_mission),
-    )
-    for set_points in (False, True)
-    for by_mission in (False, True)
+_OWN: Mapping[str, Tuple[Modes, Modes]] = {
+    way: (without_others(MODES, way), without_others(DIRECT_MODES, way)) for way in ("", MISSION_MODE, SET_POINT_MODE)
 }
 
 
@@ -102,7 +96,7 @@ def ours(
     flown: str = "",
     *,
     lands: bool = False,
-    modes: Mapping[MissionAction, FrozenSet[str]] = MODES,
+    modes: Modes = MODES,
 ) -> bool:
     """Return True when a flight mode matches an outstanding or the last confirmed command; an unknown mode does.
 
@@ -153,18 +147,20 @@ class Context:
         self.set(**{part: evolve(getattr(self.state, part), **changes)})
 
     @property
-    def modes(self) -> Mapping[MissionAction, FrozenSet[str]]:
+    def modes(self) -> Modes:
         """The flight modes that are the answer to each command in this flight."""
-        return self._own_modes()[0]
+        return _OWN[self._flown_by()][0]
 
     @property
-    def direct_modes(self) -> Mapping[MissionAction, FrozenSet[str]]:
+    def direct_modes(self) -> Modes:
         """Those of them that a command itself asks for."""
-        return self._own_modes()[1]
+        return _OWN[self._flown_by()][1]
 
-    def _own_modes(self) -> Tuple[Mapping[MissionAction, FrozenSet[str]], Mapping[MissionAction, FrozenSet[str]]]:
-        mission = self.state.session.mission
-        return _OWN[mission is not None and mission.set_points, self.state.flight.by_mission]
+    def _flown_by(self) -> str:
+        """Return the mode that it is flown in; set-points may be a takeoff's, where the mission does not say them."""
+        mission, mode = self.state.session.mission, self.state.flight.flown_by
+        known = mode == MISSION_MODE or (mission is not None and mission.set_points)
+        return mode if known else ""
 
     def asked(self) -> bool:
         """Return True while somebody asks for something that was not carried out yet."""
@@ -222,11 +218,10 @@ class Context:
         heard = [each for each in (peers.autopilot_ns, vehicle_ns) if each is not None]
         return not heard or self.now - min(heard) >= limit_ns
 
-    def unknown_for(self, limit_ns: int) -> bool:
-        """Return True when a vehicle that does not say that it is armed has not said for so long where it stands."""
-        since_ns, status = self.state.peers.vehicle_unknown_ns, self.state.peers.autopilot
-        armed = status is not None and status.armed is True
-        return since_ns is not None and self.now - since_ns >= limit_ns and not armed
+    def disarmed_for(self, limit_ns: int) -> bool:
+        """Return True when the vehicle has said for so long that it is disarmed, wherever it says that it stands."""
+        agreed = self.state.vehicle.disarmed
+        return agreed is not None and self.now - agreed.since_ns >= limit_ns and self.disarmed()
 
     def armed(self) -> bool:
         """Return True when the vehicle says, freshly, that it is armed."""

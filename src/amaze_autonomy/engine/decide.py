@@ -64,9 +64,7 @@ CONDITIONS: Mapping[str, Callable[[Context], bool]] = {
     "landing": lambda context: context.lands(),
     "the pilot was alarmed and the vehicle is silent": lambda context: nobody_knows(context) is not None,
     "the vehicle has been silent for long": lambda context: context.silent_for(context.limits.pilot_silence_limit_ns),
-    "whether it stands on the ground has not been known for long": lambda context: context.unknown_for(
-        context.limits.pilot_silence_limit_ns
-    ),
+    "it has been disarmed for long": lambda context: context.disarmed_for(context.limits.pilot_silence_limit_ns),
     "last heard on the ground and disarmed": lambda context: context.last_heard_down(),
 }
 
@@ -77,6 +75,7 @@ _END = (Case(_DONE, "Given up: no takeoff."),)
 _NO_HOLD = (Case(_NO, "It is landing: a hold never interrupts that.", "landing"),)
 _LANDING = (Case(_SO, "It is landing."),)
 _PILOT = (Case(_NO, "The pilot or the autopilot has control; nothing is commanded."),)
+_NOT_SEEN_DOWN = "Acknowledged; it is disarmed, and does not say that it has landed."
 _UNKNOWN_END = "Acknowledged; whether it has landed and is disarmed is not known."
 _SEEMS_OVER = Case(_SO, "It seems to have landed; it is landed if it has not.")
 _UNDER_WAY = (Case(_SO, "The mission is under way."),)
@@ -182,7 +181,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.PILOT: (
             Case(_DONE, "Acknowledged.", "last heard on the ground and disarmed"),
             Case(_DONE, _UNKNOWN_END, "the vehicle has been silent for long"),
-            Case(_DONE, _UNKNOWN_END, "whether it stands on the ground has not been known for long"),
+            Case(_DONE, _NOT_SEEN_DOWN, "it has been disarmed for long"),
             Case(_NO, "Not on the ground and disarmed yet, or not known to be."),
         ),
     },
@@ -251,6 +250,8 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
             break
         _fire(context, row, seen, decisions)
         _update_failures(context, decisions)
+    if context.state.land_deferred and not _lands_later(context):
+        context.set(land_deferred=False)
     if context.state.signal and not context.suspected() and not _seems_over(context.state):
         context.set(signal="")
     if not context.commands and not decisions:
@@ -269,11 +270,19 @@ def _take_up(context: Context) -> None:
     In a pilot's hands there is none, and none after the flight.
     """
     state = context.state
-    unclear = context.suspected() or (_seems_over(state) and state.step is not Step.TOUCHDOWN)
-    if state.land_deferred and not unclear:
+    if state.land_deferred and not _is_unclear(context):
         context.set(land_deferred=False)
-        lands = state.state in (*_FLIGHT, State.LAND) and not context.taken()
-        context.user = UserCommand.LAND if lands else context.user
+        context.user = UserCommand.LAND if _lands_later(context) else context.user
+
+
+def _is_unclear(context: Context) -> bool:
+    return context.suspected() or (_seems_over(context.state) and context.state.step is not Step.TOUCHDOWN)
+
+
+def _lands_later(context: Context) -> bool:
+    """Return True where a landing that was put off may still go out: in flight, while nobody else has control."""
+    in_flight = context.state.state in (*_FLIGHT, State.LAND) and not context.taken()
+    return in_flight or _is_unclear(context)
 
 
 def _rank(command: Command) -> int:

@@ -129,7 +129,7 @@ class Mission:
         max_height_m: limit above the takeoff position; None: the configuration's.
         max_distance_m: limit of the horizontal distance from the takeoff position; None: the configuration's.
         max_flight_time_ns: limit from the TAKEOFF command on; None: the configuration's.
-        set_points: it is flown by set-points: no mission and no hold mode of the autopilot is ours in it.
+        set_points: it is flown by set-points: once it is, no mission and no hold mode of the autopilot is ours.
     """
 
     id: str

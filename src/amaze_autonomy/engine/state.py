@@ -269,7 +269,7 @@ class Flight:
         mode_before: the flight mode before all of them.
         mode_shown: the mode by which one status answers the last; empty: it does not.
         mode_flown: how far two statuses have shown a takeoff, or a resume, to have come.
-        by_mission: they have shown it to be flown by a mission of the autopilot.
+        flown_by: likewise, by which of AUTO.MISSION and OFFBOARD it is flown; a resume leaves it.
         hold_repeated: the hold was commanded again.
         takeover_noted: the user was told that somebody else seems to have control.
         another: after it, it was armed on the ground again, and not by us.
@@ -290,7 +290,7 @@ class Flight:
     mode_before: str = ""
     mode_shown: str = ""
     mode_flown: str = ""
-    by_mission: bool = False
+    flown_by: str = ""
     hold_repeated: bool = False
     takeover_noted: bool = False
     another: bool = False

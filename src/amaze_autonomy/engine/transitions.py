@@ -222,7 +222,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("at_takeoff_height", (CLIMBING,), flight.at_takeoff_height, FLYING, "mission", words="airborne and at takeoff height"),
     # after the flight
     T("acknowledged", (PILOT,), both(user(UserCommand.ACKNOWLEDGE), flight.heard_down), CLEANUP, "data_cleanup", words="on the ground, disarmed, acknowledged"),
-    T("acknowledged_unknown", (PILOT,), user(UserCommand.ACKNOWLEDGE), CLEANUP, "landing_given_up", words="the vehicle has been silent for long, and a person ends the mission"),
+    T("acknowledged_unknown", (PILOT,), user(UserCommand.ACKNOWLEDGE), CLEANUP, "landing_given_up", words="the vehicle has been silent, or disarmed, for long, and a person ends the mission"),
     T("nothing_to_collect", (CLEANUP,), ground.nothing_recorded, ENDED, "mission_ended", words="nothing was recorded"),
     T("data_lost", (CLEANUP,), ground.data_lost, ENDED, "mission_ended_incomplete", _INCOMPLETE, words="merged and verified, but something of the flight was not recorded"),
     T("data_complete", (CLEANUP,), ground.data_complete, ENDED, "mission_ended", {"session.data_result": DataResult.COMPLETE}, words="written, transferred, merged, verified"),

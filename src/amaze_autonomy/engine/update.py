@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Callable, Dict, Iterable, Optional, Tuple, Type
 
-from .context import FLYING_MODES, HOLDING_MODES, LANDING_MODES, MISSION_MODE, Context, is_further, ours
+from .context import FLYING_MODES, HOLDING_MODES, LANDING_MODES, MISSION_MODE, SET_POINT_MODE, Context, is_further, ours
 from .events import (
     CHECKS,
     AutopilotStatus,
@@ -386,7 +386,9 @@ def _command_shown(context: Context, event: AutopilotStatus) -> None:
         context.put("flight", confirmed=state.flight.commanded[-1], commanded=state.flight.commanded[-1:])
     flies = state.state is State.MISSION and context.airborne()  # on the ground it may be the mode of before
     if flies and shown == state.flight.mode_shown and is_further(shown, state.flight.mode_flown):
-        context.put("flight", mode_flown=shown, by_mission=state.flight.by_mission or shown == MISSION_MODE)
+        context.put("flight", mode_flown=shown)
+        if is_further(shown, state.flight.flown_by) and shown in (SET_POINT_MODE, MISSION_MODE):
+            context.put("flight", flown_by=shown)
     if shown != state.flight.mode_shown:
         context.put("flight", mode_shown=shown)
 

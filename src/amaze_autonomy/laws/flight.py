@@ -339,7 +339,7 @@ def a_landing_asked_for_is_not_forgotten(m: Moment) -> Verdict:
 def a_silent_vehicle_may_be_given_up(m: Moment) -> Verdict:
     if m.before.state is not State.PILOT or not _asks_to_end(m):
         return None
-    ends = _is_silent(m) or _is_unknown(m)
+    ends = _is_silent(m) or _is_disarmed(m)
     return None if not ends else (True if m.moved else "it has been silent for long, and nothing leads out of PILOT")
 
 
@@ -347,11 +347,11 @@ def _is_silent(m: Moment) -> bool:
     return m.saw.silent_ns() >= m.rules.limits.pilot_silence_limit_ns
 
 
-def _is_unknown(m: Moment) -> bool:
-    """Return True when a vehicle that does not say that it is armed has not said for long whether it has landed."""
-    armed = m.saw.vehicle is not None and m.saw.vehicle.armed is True
-    long_ns = m.rules.limits.pilot_silence_limit_ns
-    return m.saw.unknown_ns is not None and m.saw.now - m.saw.unknown_ns >= long_ns and not armed
+def _is_disarmed(m: Moment) -> bool:
+    """Return True when it has said for long that it is disarmed, wherever it says that it stands."""
+    since_ns, fresh = m.saw.unarmed_ns, m.saw.fresh(m.rules.limits)
+    says = since_ns is not None and fresh is not None and fresh.armed is False
+    return says and m.saw.now - (since_ns or 0) >= m.rules.limits.pilot_silence_limit_ns
 
 
 def _asks_to_end(m: Moment) -> bool:
@@ -364,7 +364,7 @@ def pilot_ends_acknowledged(m: Moment) -> Verdict:
         return None
     last = m.saw.vehicle
     down = last is not None and last.armed is False and last.landed is ev.VehicleLanded.ON_GROUND
-    ended = _asks_to_end(m) and (down or _is_silent(m) or _is_unknown(m))
+    ended = _asks_to_end(m) and (down or _is_silent(m) or _is_disarmed(m))
     return True if ended else "left without an acknowledgement, or its last word was not that it is down"
 
 

@@ -66,6 +66,7 @@ class Witness:
     taken_ns: int = 0
     armed_late: int = 0
     rested: int = 0
+    unarmed_ns: Optional[int] = None
     mode_ns: int = 0
     detection: ev.Landed = ev.Landed.UNKNOWN
     detection_ns: int = 0
@@ -102,7 +103,7 @@ class Witness:
     motion_ns: int = 0
     motion_outcome: Optional[ev.Outcome] = None
     flown: str = ""
-    by_mission: bool = False
+    flown_by: str = ""
     answered: bool = False
     mode_before: str = ""
     disarmed_ns: Optional[int] = None
@@ -217,11 +218,14 @@ def _autopilot(
     link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
     if witness.rested < 2:  # since it was started; once two in a row said disarmed, it stays so
         changes["rested"] = witness.rested + 1 if link_good and event.armed is False else 0
+    gap = previous is None or now - witness.vehicle_ns > limits.autopilot_status_limit_ns
+    unarmed_ns = now if gap or witness.unarmed_ns is None else witness.unarmed_ns
+    changes["unarmed_ns"] = unarmed_ns if link_good and event.armed is False else None
     again = previous is not None and previous.mode == event.mode and link_good and event.landed in _FLIES
     begins = again and state.state is State.MISSION and event.armed is not False and witness.flown != "AUTO.MISSION"
     if begins and event.mode in _PAST and witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME):
         changes["flown"] = event.mode  # what two statuses in a row have said
-        changes["by_mission"] = witness.by_mission or event.mode == "AUTO.MISSION"
+        changes["flown_by"] = event.mode if witness.flown_by != "AUTO.MISSION" else witness.flown_by
     _count_taken(witness, event, now, changes, state, limits)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
         changes["answered"] = True
@@ -281,10 +285,10 @@ def _count_taken(
     goes = witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME)
     says = says or (goes and event.mode in _PAST.get(changes.get("flown", witness.flown), ()))
     mission = state.session.mission
-    by_set_points = mission is not None and mission.set_points
-    other = _BY_SET_POINTS if by_set_points else _BY_MISSION if changes.get("by_mission", witness.by_mission) else {}
+    by, declared = changes.get("flown_by", witness.flown_by), mission is not None and mission.set_points
+    other = _BY_MISSION if by == "AUTO.MISSION" else _BY_SET_POINTS if by == "OFFBOARD" and declared else {}
     flown, before_it = changes.get("flown", witness.flown), event.mode == witness.mode_before and not witness.answered
-    shows = flown == "OFFBOARD" if by_set_points and witness.motion is MissionAction.HOLD else not before_it
+    shows = flown == "OFFBOARD" if other is _BY_SET_POINTS and witness.motion is MissionAction.HOLD else not before_it
     says = says or (shows and witness.flight != "none" and event.mode in other.get(witness.motion, ()))
     before = witness.vehicle
     once = event.armed is False and before is not None and before.armed is not False
@@ -487,7 +491,7 @@ def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
     if action is not witness.motion or action is MissionAction.TAKEOFF:
         changes["answered"] = False
     if action is MissionAction.TAKEOFF:
-        changes.update(by_mission=False)
+        changes.update(flown_by="")
         changes.update(flight="commanded", flight_ns=witness.now, airborne=False, landing=False, second=False)
         changes.update(alarmed=False, alarms=(), waited=(), disarmed_ns=None)
         changes["mode_before"] = witness.vehicle.mode if witness.vehicle is not None else ""
