@@ -255,6 +255,17 @@ def test_told_to_stand_it_stops_and_then_stays_there():
     assert math.dist(on, (10.0, -2.5, 1.5)) < 0.1
 
 
+def test_where_it_stands_a_pose_that_jumps_is_not_flown_back_from():
+    guided = guidance(Waypoint(0.0, 9.0, 1.0, 0.0, 0.0))
+    guided.stand()
+    assert place(guided.step(S, pose(10.0, -2.5, 1.5), None)) == (10.0, -2.5, 1.5)
+    for t_ns in (2 * S, 3 * S):
+        jumped = guided.step(t_ns, pose(17.0, -2.5, 1.5), None)
+        assert (jumped.type_mask, guided.blind_ns(t_ns), guided.still) == (BY_VELOCITY, t_ns - S, True)
+    assert place(guided.step(4 * S, pose(10.2, -2.5, 1.5), None)) == (10.0, -2.5, 1.5)
+    assert guided.blind_ns(4 * S) == 0
+
+
 def test_every_set_point_names_its_vehicle():
     message = guidance(Waypoint(0.0, 0.0, 1.0, 0.0, 0.0)).step(S, None, None)
     assert (message.target_system, message.target_component) == TARGET

@@ -230,20 +230,20 @@ def test_a_climb_passes_the_takeoff_height_and_stays_below_the_height_limit(own_
     assert [takeoff_item_m(line, limits, dialect) for dialect in Dialect] == pytest.approx(items_m)
 
 
-def drifted(flying, up_m):
-    """Have the vertical of the local frame drift: what stands at 0 is said to stand so much higher."""
+def drifted(flying, up_m=0.0, east_m=0.0, north_m=0.0):
+    """Have the local frame drift or jump: what stands at 0 is said to stand so much higher, east, north."""
     take, wake = flying.vehicle.take, flying.vehicle.wake
 
     def lowered(t_ns, message):
         if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
-            message.z += up_m
+            message.x, message.y, message.z = message.x - north_m, message.y - east_m, message.z + up_m
         return take(t_ns, message)
 
     def raised(t_ns):
         messages = wake(t_ns)
         for message in messages:
             if message.get_type() == "LOCAL_POSITION_NED":
-                message.z -= up_m
+                message.x, message.y, message.z = message.x + north_m, message.y + east_m, message.z - up_m
         return messages
 
     flying.vehicle.take, flying.vehicle.wake = lowered, raised
@@ -624,6 +624,20 @@ def test_when_the_pose_stays_away_it_lands():
     assert (flying.craft.mode, flying.phase) == ("AUTO.LAND", P.LANDING)
     flying.until_phase(P.LANDED)
     assert near(flying, 5.0, 0.0, 2.5)
+
+
+@pytest.mark.parametrize("holds", [False, True])
+def test_an_estimate_that_jumps_is_not_followed_and_when_it_stays_there_it_lands(holds):
+    flying = Flying()
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    if holds:
+        assert flying.command(A.HOLD) == ""
+        flying.until_phase(P.HOLDING, limit_ns=3 * S)
+    east, north, _ = flying.craft.position_m
+    drifted(flying, north_m=25.0)
+    flying.until_phase(P.LANDED)
+    assert near(flying, east, north, 2.5)
 
 
 def test_when_the_heading_is_not_known_any_more_it_flies_on_without():

@@ -188,9 +188,10 @@ class Guidance:
         self._at = (x, y, z)
 
     def _is_far(self, pose: Pose) -> bool:
-        if not self.flying or self._standing:
-            return False
-        return math.dist(self._at, pose.position_m) > self._far_m
+        place = self._stay if self._standing else self._at
+        if not self.flying or place is None:
+            return False  # while it stops nobody knows where it comes to stand
+        return math.dist(place, pose.position_m) > self._far_m
 
     @property
     def _far_m(self) -> float:
