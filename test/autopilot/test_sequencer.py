@@ -551,6 +551,31 @@ def test_commands_of_another_session_and_in_the_wrong_phase_are_refused():
     assert flying.command(A.TAKEOFF) == "there is nothing to fly in phase TAKING_OFF"
 
 
+def test_by_set_points_an_autopilot_that_was_started_again_after_the_load_does_not_take_off():
+    """Its local frame begins where it stands: the file would be flown beside where it was loaded for."""
+    flying = Flying()
+    drifted(flying, east_m=5.0, north_m=10.0)
+    flying.run(10 * S)
+    assert flying.load("inside").accepted
+    drifted(flying, east_m=-5.0, north_m=-10.0)
+    flying.vehicle.px4._start_ns = flying.t_ns  # it begins to count anew
+    flying.run(S)
+    assert flying.command(A.TAKEOFF) == "load it again: the autopilot was started again"
+    assert flying.phase is P.LOADED
+    flying.take_off("inside")
+    flying.until_phase(P.LANDED)
+    assert near(flying, *WHERE_IT_LANDS)
+
+
+def test_a_mission_takes_off_also_when_the_autopilot_was_started_again_after_the_load():
+    flying = Flying()
+    flying.run(10 * S)
+    assert flying.load("line").accepted
+    flying.vehicle.px4._start_ns = flying.t_ns
+    flying.run(S)
+    assert flying.command(A.TAKEOFF) == ""
+
+
 @BOTH
 def test_nothing_is_held_on_the_ground_the_engine_cancels_there(mission):
     """By the engine's table of answers: before lift-off a takeoff is cancelled, never held."""

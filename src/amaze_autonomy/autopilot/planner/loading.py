@@ -20,6 +20,7 @@ from .mission_vehicle import RESTART, VehicleWatch
 
 BEGINS_ANEW = f"{RESTART} of the ArduPilot is 1: a mission that is held would begin anew; set it to 0"
 """Why no mission is flown by such an autopilot."""
+_STARTED_AGAIN = "the autopilot was started again"
 _ABOVE_M = 0.2  # of the height that is waited for: no vehicle hovers exactly
 #: so far below the height of a takeoff item it is done with: PX4 by NAV_MC_ALT_RAD, ArduPilot still climbing slowly
 _DONE_BELOW_M = {Dialect.PX4: 0.8, Dialect.ARDUPILOT: 0.3}
@@ -245,14 +246,14 @@ class Loading:
         pose = self._readiness.watch.local(t_ns, self._readiness.spec.pose_age_limit_ns)
         if pose is None:
             return "there is no fresh and valid local position"
-        clock_ns, wall_ns = self._readiness.watch.boot_ns, self._readiness.wall_ns
-        boot_ns = None if clock_ns is None else clock_ns + wall_ns
+        watch, wall_ns = self._readiness.watch, self._readiness.wall_ns
         if self._begins():
+            boot_ns = None if watch.boot_ns is None else watch.boot_ns + wall_ns
             session = self.request.session_id
-            self.origin = Origin(session, local=pose.position_m, boot_ns=boot_ns, clock_boot_ns=clock_ns)
-        elif self.origin is not None and _restarted(self.origin, boot_ns, clock_ns):
-            return "the autopilot was started again since the session's first takeoff: its local frame is another one"
-        return ""
+            self.origin = Origin(session, local=pose.position_m, boot_ns=boot_ns, clock_boot_ns=watch.boot_ns)
+            return ""
+        begun_anew = frame_begun_anew(self.origin, watch, wall_ns)
+        return f"{begun_anew} since the session's first takeoff: its local frame is another one" if begun_anew else ""
 
     def _find_home(self, t_ns: int, plan: MissionPlan) -> str:
         spec = self._readiness.spec
@@ -271,9 +272,18 @@ class Loading:
         return ""
 
 
-def _restarted(origin: Origin, boot_ns: Optional[int], clock_boot_ns: Optional[int]) -> bool:
-    """Return whether the autopilot was switched on again; by wall time only where another process found the origin."""
-    before_ns, now_ns = origin.clock_boot_ns, clock_boot_ns
+def frame_begun_anew(origin: Optional[Origin], watch: VehicleWatch, wall_ns: int) -> str:
+    """Return why the local frame is not the one of an origin any more, in words; empty: it is, or there is no origin.
+
+    Args:
+        origin: looked at by wall time only where another process found it.
+        watch: the vehicle.
+        wall_ns: wall time minus the clock of the messages.
+    """
+    if origin is None:
+        return ""
+    before_ns, now_ns = origin.clock_boot_ns, watch.boot_ns
     if before_ns is None:
-        before_ns, now_ns = origin.boot_ns, boot_ns
-    return before_ns is not None and now_ns is not None and abs(now_ns - before_ns) > _SAME_BOOT_NS
+        before_ns, now_ns = origin.boot_ns, None if now_ns is None else now_ns + wall_ns
+    restarted = before_ns is not None and now_ns is not None and abs(now_ns - before_ns) > _SAME_BOOT_NS
+    return _STARTED_AGAIN if restarted else ""

@@ -25,7 +25,7 @@ from ..vehicle.asked import Rates
 from ..vehicle.modes import LAND, LANDING_MODES, is_foreign
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
-from .loading import BEGINS_ANEW, Loading, LoadRequest, Origin, Readiness, climb_of
+from .loading import BEGINS_ANEW, Loading, LoadRequest, Origin, Readiness, climb_of, frame_begun_anew
 from .mission_upload import UPLOAD_MESSAGES, Dialect, MissionUpload, UploadPhase, beginning
 from .mission_vehicle import OFFBOARD, RESTART, STREAMS, TAKEN, Pose, VehicleWatch
 from .procedure import Means, Procedure, Progress, steps_of
@@ -253,16 +253,18 @@ class Sequencer:
         return self._proceed(t_ns)
 
     def _standing(self, t_ns: int) -> Standing:
+        offboard = self._controller is Controller.OFFBOARD
         return Standing(
             watch=self.watch,
             known=self.watch.known(t_ns, self._spec.vehicle_age_limit_ns),
             phase=self._phase,
             session_id=self._loaded.session_id if self._loaded else None,
-            lost=self._controller is Controller.OFFBOARD and self._pose(t_ns) is None,
+            lost=offboard and self._pose(t_ns) is None,
             landing=self._landing,
             other=self._other if t_ns - self._other_ns < _OTHER_NS else "",
             restarts=bool(self.watch.restarts) and self._controller is Controller.MISSION,
             steered=self._flight.steered_by_others,
+            begun_anew=frame_begun_anew(self._origin, self.watch, self._wall()) if offboard else "",
         )
 
     def _meant(self, t_ns: int) -> MissionAction:
@@ -617,6 +619,7 @@ class Standing(NamedTuple):
         other: what the autopilot node commands; empty: nothing.
         restarts: its mission would begin anew after a hold.
         steered: who has chosen the mode that it flies in, in words; empty: this planner.
+        begun_anew: why its local frame is not the one of the origin any more, in words; empty: it is, or not needed.
     """
 
     watch: VehicleWatch
@@ -628,6 +631,7 @@ class Standing(NamedTuple):
     other: str = ""
     restarts: bool = False
     steered: str = ""
+    begun_anew: str = ""
 
 
 def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
@@ -673,4 +677,6 @@ def _unfit(standing: Standing, action: MissionAction) -> str:
         return f"the autopilot node commands {standing.other}"
     if takes_off and standing.restarts:
         return BEGINS_ANEW
+    if takes_off and standing.begun_anew:
+        return f"load it again: {standing.begun_anew}"
     return "there is no fresh local position" if takes_off and standing.lost else ""
