@@ -87,7 +87,7 @@ def test_the_local_frame_of_an_autopilot_that_was_started_again_is_another_one()
     flying.until_phase(MissionPhase.LANDED)
     flying.vehicle.px4._start_ns = flying.t_ns  # it begins to count anew
     flying.run(S)
-    words = "the autopilot was started again since the session's first takeoff: its local frame is another one"
+    words = "the autopilot was started again since the session's first takeoff: its local frame counts no more"
     assert flying.load("inside twice", 1).reason == words
 
 

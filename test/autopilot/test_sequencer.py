@@ -567,6 +567,64 @@ def test_by_set_points_an_autopilot_that_was_started_again_after_the_load_does_n
     assert near(flying, *WHERE_IT_LANDS)
 
 
+def behind_mavros() -> Flying:
+    """Return a vehicle of which nothing says when it was switched on."""
+    flying = Flying()
+    wake = flying.vehicle.wake
+
+    def timeless(t_ns):
+        messages = wake(t_ns)
+        for message in messages:
+            if message.get_type() == "LOCAL_POSITION_NED":
+                message.time_boot_ms = 0
+        return messages
+
+    flying.vehicle.wake = timeless
+    flying.run(S)
+    flying.planner.watch.boot_ns = None
+    return flying
+
+
+def silent(flying, silence_ns) -> None:
+    """Have the vehicle be silent, and then speak again."""
+    flying.channel.fate = lambda: ()
+    flying.run(silence_ns)
+    flying.channel.fate = good
+    flying.run(3 * S)
+
+
+def test_behind_mavros_a_silence_after_the_load_ends_the_local_frame():
+    flying = behind_mavros()
+    assert flying.load("inside").accepted
+    silent(flying, 4 * S)
+    words = "load it again: the vehicle was silent, and may have been started again"
+    assert (flying.command(A.TAKEOFF), flying.phase) == (words, P.LOADED)
+    flying.take_off("inside")
+    flying.until_phase(P.LANDED)
+
+
+@pytest.mark.parametrize("silence_s, taken", [(2, True), (4, False)])
+def test_behind_mavros_a_silence_between_two_files_ends_the_local_frame(silence_s, taken):
+    flying = behind_mavros()
+    flying.take_off("inside twice")
+    flying.until_phase(P.LANDED)
+    silent(flying, silence_s * S)
+    words = (
+        "the vehicle was silent, and may have been started again since the session's first takeoff:"
+        " its local frame counts no more"
+    )
+    loading = flying.load("inside twice", 1)
+    assert (loading.accepted, loading.reason) == (taken, "" if taken else words)
+
+
+def test_a_silence_of_an_autopilot_that_says_since_when_it_is_on_ends_nothing():
+    flying = Flying()
+    flying.take_off("inside twice")
+    flying.until_phase(P.LANDED)
+    silent(flying, 20 * S)
+    flying.take_off("inside twice", 1)
+
+
 def test_a_mission_takes_off_also_when_the_autopilot_was_started_again_after_the_load():
     flying = Flying()
     flying.run(10 * S)

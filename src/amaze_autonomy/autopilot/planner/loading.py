@@ -21,6 +21,7 @@ from .mission_vehicle import RESTART, VehicleWatch
 BEGINS_ANEW = f"{RESTART} of the ArduPilot is 1: a mission that is held would begin anew; set it to 0"
 """Why no mission is flown by such an autopilot."""
 _STARTED_AGAIN = "the autopilot was started again"
+_WAS_SILENT = "the vehicle was silent, and may have been started again"
 _ABOVE_M = 0.2  # of the height that is waited for: no vehicle hovers exactly
 #: so far below the height of a takeoff item it is done with: PX4 by NAV_MC_ALT_RAD, ArduPilot still climbing slowly
 _DONE_BELOW_M = {Dialect.PX4: 0.8, Dialect.ARDUPILOT: 0.3}
@@ -64,6 +65,7 @@ class Origin:
         local: in the estimator's frame (ENU); None for a mission of the autopilot.
         boot_ns: wall time at which the autopilot was switched on, which made that frame; None: unknown.
         clock_boot_ns: the same on the clock of the messages, which nobody sets; None: another process found the origin.
+        speaks_since_ns: end of the vehicle's last silence before it was found; None: another process found it.
     """
 
     session_id: str
@@ -71,6 +73,7 @@ class Origin:
     local: Optional[Tuple[float, float, float]] = None
     boot_ns: Optional[int] = None
     clock_boot_ns: Optional[int] = field(default=None, compare=False)
+    speaks_since_ns: Optional[int] = field(default=None, compare=False)
 
 
 class Readiness(NamedTuple):
@@ -249,11 +252,11 @@ class Loading:
         watch, wall_ns = self._readiness.watch, self._readiness.wall_ns
         if self._begins():
             boot_ns = None if watch.boot_ns is None else watch.boot_ns + wall_ns
-            session = self.request.session_id
-            self.origin = Origin(session, local=pose.position_m, boot_ns=boot_ns, clock_boot_ns=watch.boot_ns)
+            session, since_ns = self.request.session_id, watch.speaks_since_ns
+            self.origin = Origin(session, None, pose.position_m, boot_ns, watch.boot_ns, since_ns)
             return ""
         begun_anew = frame_begun_anew(self.origin, watch, wall_ns)
-        return f"{begun_anew} since the session's first takeoff: its local frame is another one" if begun_anew else ""
+        return f"{begun_anew} since the session's first takeoff: its local frame counts no more" if begun_anew else ""
 
     def _find_home(self, t_ns: int, plan: MissionPlan) -> str:
         spec = self._readiness.spec
@@ -275,6 +278,8 @@ class Loading:
 def frame_begun_anew(origin: Optional[Origin], watch: VehicleWatch, wall_ns: int) -> str:
     """Return why the local frame is not the one of an origin any more, in words; empty: it is, or there is no origin.
 
+    Where nothing says when the autopilot was switched on (behind mavros), one that was silent may have begun anew.
+
     Args:
         origin: looked at by wall time only where another process found it.
         watch: the vehicle.
@@ -285,5 +290,6 @@ def frame_begun_anew(origin: Optional[Origin], watch: VehicleWatch, wall_ns: int
     before_ns, now_ns = origin.clock_boot_ns, watch.boot_ns
     if before_ns is None:
         before_ns, now_ns = origin.boot_ns, None if now_ns is None else now_ns + wall_ns
-    restarted = before_ns is not None and now_ns is not None and abs(now_ns - before_ns) > _SAME_BOOT_NS
-    return _STARTED_AGAIN if restarted else ""
+    if before_ns is None or now_ns is None:
+        return "" if origin.speaks_since_ns == watch.speaks_since_ns else _WAS_SILENT
+    return _STARTED_AGAIN if abs(now_ns - before_ns) > _SAME_BOOT_NS else ""

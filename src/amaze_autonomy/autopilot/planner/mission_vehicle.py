@@ -10,7 +10,7 @@ from typing import Callable, Dict, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.engine.rules import Limits
-from amaze_autonomy.missions import Place
+from amaze_autonomy.missions import Place, PlannerSpec
 
 from ..link.dialect import Message, mavlink, source_of
 from ..vehicle.agreement import Agreement, Ground
@@ -69,10 +69,11 @@ class VehicleWatch:
 
     Args:
         limits: of the engine, for how long they must agree; None: those that ship.
+        silence_ns: without a message for longer than that it was silent.
     """
 
-    def __init__(self, limits: Optional[Limits] = None) -> None:
-        self.limits = limits or Limits()
+    def __init__(self, limits: Optional[Limits] = None, silence_ns: int = PlannerSpec().vehicle_age_limit_ns) -> None:
+        self.limits, self._silence_ns = limits or Limits(), silence_ns
         self.control, self.ground = Control(), Ground(self.limits.flight_end_confirm_ns)
         self._aloft, self._lifted, self._landing = Agreement(), Agreement(), Agreement()
         self._others, self._in_land, self._off_setpoints = Agreement(), Agreement(), Agreement()
@@ -80,6 +81,7 @@ class VehicleWatch:
         self.target: Tuple[int, int] = (0, 0)
         self.heartbeat_ns: Optional[int] = None
         self._heard_ns = 0
+        self.speaks_since_ns = 0  # after its last silence
         self.mode_ns: Optional[int] = None
         self.armed: Optional[bool] = None
         self.mode = ""
@@ -107,7 +109,9 @@ class VehicleWatch:
 
     def take(self, t_ns: int, message: Message, *, heard: bool = True) -> None:
         """Take a message of the vehicle; not heard: another one's answer in its place."""
-        self._heard_ns = t_ns if heard else self._heard_ns
+        if heard:
+            silent = t_ns - self._heard_ns > self._silence_ns
+            self.speaks_since_ns, self._heard_ns = t_ns if silent else self.speaks_since_ns, t_ns
         take = _TAKES.get(message.get_type())
         if take is not None:
             take(self, t_ns, message)

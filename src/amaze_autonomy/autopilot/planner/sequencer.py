@@ -80,7 +80,7 @@ class Sequencer:
     ) -> None:
         self._settings, self._spec, self._wall = settings, settings.spec, wall_minus_clock_ns
         self._plans = {plan.mission.id: plan for plan in settings.plans}
-        self.watch = VehicleWatch(settings.limits)
+        self.watch = VehicleWatch(settings.limits, self._spec.vehicle_age_limit_ns)
         self._means = Means(self.watch, self._spec.setpoint_lead_ns, settings.limits.takeoff_height_m)
         self._phase, self._message = _P.IDLE, ""
         self._loading: Optional[Loading] = None
