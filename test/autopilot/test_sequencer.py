@@ -704,9 +704,40 @@ def test_when_the_pose_stays_away_it_lands():
     flying.until(lambda: flying.craft.position_m[0] > 3.0)
     deaf(flying, "LOCAL_POSITION_NED")
     flying.run(3 * S)
-    assert (flying.craft.mode, flying.phase) == ("AUTO.LAND", P.LANDING)
+    words = "the local position stays away"
+    assert (flying.craft.mode, flying.phase, flying.status.message) == ("AUTO.LAND", P.LANDING, words)
     flying.until_phase(P.LANDED)
     assert near(flying, 5.0, 0.0, 2.5)
+    flying.run(5 * S)
+    assert (flying.phase, flying.status.message) == (P.LANDED, words)
+    hearing(flying)
+    flying.run(S)
+    assert flying.load("inside").accepted
+    assert flying.status.message == ""
+
+
+@BOTH
+def test_why_it_lands_is_told_where_the_mission_did_not_ask_for_it(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until_phase(P.FLYING)
+    flying.channel.ours(flying.planner.other_commands(flying.t_ns, "AUTO.LAND"))
+    words = []
+    flying.until(lambda: words.append(flying.status.message) or flying.phase is P.LANDED)
+    assert set(words) == {"the autopilot node commands AUTO.LAND"}
+
+
+@BOTH
+@pytest.mark.parametrize("asked", [False, True])
+def test_nothing_is_told_of_a_landing_that_was_asked_for_or_ends_the_file(mission, asked):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until_phase(P.FLYING)
+    if asked:
+        assert flying.command(A.LAND) == ""
+    words = []
+    flying.until(lambda: words.append(flying.status.message) or flying.phase is P.LANDED)
+    assert set(words) == {""}
 
 
 @pytest.mark.parametrize("holds", [False, True])

@@ -41,7 +41,7 @@ _ASK_BEAT_NS = 3 * _S // 10  # between two questions
 _ASK_RESTART_NS = _S // 2  # likewise
 _STATUS_NS = _S // 5  # between two statuses of this node: the last one may be so old when it stops
 _LANDINGS = (MissionAction.LAND, MissionAction.ABORT)
-_ASKED, _NO_TAKEOFF = "a landing was commanded", "the takeoff failed"
+_ASKED, _FLOWN, _NO_TAKEOFF = "a landing was commanded", "the last waypoint is done with", "the takeoff failed"
 _TAKEN_OVER = "somebody else chose the flight mode before the takeoff"
 _P, _A = MissionPhase, MissionAction
 
@@ -267,6 +267,11 @@ class Sequencer:
             begun_anew=frame_begun_anew(self._origin, self.watch, self._wall()) if offboard else "",
         )
 
+    @property
+    def _why_landed(self) -> str:
+        """Why it is landed without a command of the mission, in words; empty: it is not, or its file is flown."""
+        return "" if self._landing in (_ASKED, _FLOWN) else self._landing
+
     def _meant(self, t_ns: int) -> MissionAction:
         """Return what a landing is: disarming, before lift-off with the ground shown freshly; else the landing mode."""
         if self._landing == _TAKEN_OVER and not self._flight.airborne:
@@ -302,7 +307,7 @@ class Sequencer:
         persistent = action in _LANDINGS
         steps = steps_of(self._controller, action, self.watch.dialect)
         self._procedure = Procedure(action, steps, self._means, self._spec, t_ns, persistent=persistent)
-        self._message = self._flight.hands_off()
+        self._message = self._flight.hands_off() or self._why_landed
 
     def _take_off(self, t_ns: int) -> None:
         self._phase, self._flight = _P.TAKING_OFF, FlightRecord(self.watch, self._flight.waypoints)
@@ -397,7 +402,7 @@ class Sequencer:
             self._phase = _P.FLYING
         lands = f"somebody else lands the vehicle (mode {watch.mode})" if others else ""
         others_fly = lands or flight.hands_off() or flight.steered_by_others
-        self._message = others_fly or (procedure.reason if procedure else "") or flight.failure
+        self._message = others_fly or (procedure.reason if procedure else "") or flight.failure or self._why_landed
 
     def _doing(self, *actions: MissionAction) -> bool:
         """Return whether one of these was commanded last."""
@@ -407,7 +412,7 @@ class Sequencer:
         """Be on the ground, disarmed."""
         if not self._flight.airborne and not self._flight.failure and not self._doing(_A.LAND, _A.ABORT):
             self._flight.failure = "disarmed before it lifted off"
-        self._message = self._flight.failure
+        self._message = self._flight.failure or self._why_landed
         if self._phase in (*IN_FLIGHT, _P.LOADED, _P.FAILED):
             never_armed = self._landing in (_NO_TAKEOFF, _TAKEN_OVER) and not self._flight.armed
             self._phase = _P.FAILED if never_armed else _P.LANDED
@@ -555,8 +560,7 @@ class Sequencer:
         blind = guidance.blind_ns(t_ns) > _BLIND_PAUSES * self._spec.pose_age_limit_ns
         blind = blind and t_ns >= self._attention.awake_ns
         if guidance.flying and (guidance.finished or blind) and not self._lands():
-            sent += self._land(t_ns, "the local position stays away" if blind else "the last waypoint is done with")
-            self._message = "the local position stays away: landing" if blind else ""
+            sent += self._land(t_ns, "the local position stays away" if blind else _FLOWN)
         return sent
 
     def _wants_offboard(self) -> bool:
