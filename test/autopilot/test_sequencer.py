@@ -198,6 +198,36 @@ def test_several_files_and_repetitions_with_touchdowns_between(mission):
     assert flying.phases == WHOLE + (sending + WHOLE[1:]) * 3
 
 
+FAR = "the vehicle stands 10.0 m from where the file before ends, at most 5 m are good"
+
+
+@pytest.mark.parametrize("mission", ["both", "inside twice"])
+def test_a_later_file_is_not_loaded_elsewhere_than_where_the_file_before_ends(mission):
+    """Its first leg, its fence and its battery were checked from there."""
+    flying = Flying()
+    assert flying.load(mission).accepted
+    assert (flying.load(mission, 1).reason, flying.phase) == (FAR, P.LOADED)
+    flying.take_off(mission)
+    flying.until_phase(P.LANDED)
+    assert flying.load(mission, 0, 1).reason == FAR
+    for _ in range(2):  # a takeoff that failed is tried again where it stands
+        assert flying.load(mission, 1).accepted
+    assert flying.command(A.TAKEOFF) == ""
+    flying.until_phase(P.LANDED)
+    assert flying.load(mission, 0, 1).accepted
+
+
+@pytest.mark.parametrize("mission", ["both", "inside twice"])
+def test_after_an_early_landing_the_next_file_is_loaded_only_near_the_end_of_that_one(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until_phase(P.FLYING)
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDED)
+    assert "from where the file before ends" in flying.load(mission, 1).reason
+    assert flying.load(mission).accepted
+
+
 LOW = Trajectory("low.csv", tuple(Waypoint(2.0 * number, 0.0, z, 0.0, 0.0) for number, z in enumerate((1.0, 0.6, 0.6))))
 
 

@@ -209,7 +209,8 @@ class PlannerSpec:
     Args:
         acceptance_radius_m: nearer than this a waypoint is reached.
         heading_tolerance_rad: likewise for the yaw, with set-points.
-        home_tolerance_m: how far the first takeoff may be from a mission's home.
+        home_tolerance_m: how far the first takeoff may be from a mission's home, a later one from where the file before
+            ends.
         transfer_limit_ns: time in which a waypoint file must be sent, read back and compared.
         message_retry_ns: time without an answer after which a message of the mission protocol is sent again.
         command_retry_ns: time without an effect after which a command is sent again.

@@ -20,6 +20,7 @@ from .mission_vehicle import RESTART, VehicleWatch
 
 BEGINS_ANEW = f"{RESTART} of the ArduPilot is 1: a mission that is held would begin anew; set it to 0"
 """Why no mission is flown by such an autopilot."""
+_NO_ORIGIN = "the place of the session's first takeoff is not known"
 _STARTED_AGAIN = "the autopilot was started again"
 _WAS_SILENT = "the vehicle was silent, and may have been started again"
 _ABOVE_M = 0.2  # of the height that is waited for: no vehicle hovers exactly
@@ -227,11 +228,8 @@ class Loading:
         plan = self._plan
         assert plan is not None  # noqa: S101 - looked at before
         offboard = plan.controller is Controller.OFFBOARD
-        problem = self._find_local(t_ns) if offboard else self._find_home(t_ns, plan)
-        problem = problem or self._find_heading(t_ns, plan)
-        if problem or self.origin is not None:
-            return problem
-        return "the place of the session's first takeoff is not known"
+        problem = self._find_local(t_ns, plan) if offboard else self._find_home(t_ns, plan)
+        return problem or self._find_heading(t_ns, plan)
 
     def _find_heading(self, t_ns: int, plan: MissionPlan) -> str:
         if plan.frame is not Frame.START_HEADING:
@@ -245,7 +243,19 @@ class Loading:
         own = self._plan is not None and self._plan.frame is Frame.START_HEADING
         return own or (self.request.file_index == 0 and self.request.repetition == 0)
 
-    def _find_local(self, t_ns: int) -> str:
+    def _far_from(self, where: str, away_m: float) -> str:
+        """Return why nothing takes off so far from where it should; empty when that is near enough."""
+        most_m = self._readiness.spec.home_tolerance_m
+        if away_m <= most_m:
+            return ""
+        return f"the vehicle stands {away_m:.1f} m from {where}, at most {most_m:g} m are good"
+
+    def _far_from_file_before(self, plan: MissionPlan, east_m: float, north_m: float) -> str:
+        """Return why a later file does not take off here: its way was checked from where the file before ends."""
+        before = plan.trajectories[self.request.file_index - 1].waypoints[-1]  # before a repetition: of the last file
+        return self._far_from("where the file before ends", math.hypot(east_m - before.x_m, north_m - before.y_m))
+
+    def _find_local(self, t_ns: int, plan: MissionPlan) -> str:
         pose = self._readiness.watch.local(t_ns, self._readiness.spec.pose_age_limit_ns)
         if pose is None:
             return "there is no fresh and valid local position"
@@ -255,24 +265,25 @@ class Loading:
             session, since_ns = self.request.session_id, watch.speaks_since_ns
             self.origin = Origin(session, None, pose.position_m, boot_ns, watch.boot_ns, since_ns)
             return ""
+        if self.origin is None or self.origin.local is None:
+            return _NO_ORIGIN
         begun_anew = frame_begun_anew(self.origin, watch, wall_ns)
-        return f"{begun_anew} since the session's first takeoff: its local frame counts no more" if begun_anew else ""
+        if begun_anew:
+            return f"{begun_anew} since the session's first takeoff: its local frame counts no more"
+        (x, y, _), (origin_x, origin_y, _) = pose.position_m, self.origin.local
+        return self._far_from_file_before(plan, x - origin_x, y - origin_y)
 
     def _find_home(self, t_ns: int, plan: MissionPlan) -> str:
-        spec = self._readiness.spec
-        place = self._readiness.watch.somewhere(t_ns, spec.vehicle_age_limit_ns)
+        place = self._readiness.watch.somewhere(t_ns, self._readiness.spec.vehicle_age_limit_ns)
         if place is None:
             return "there is no fresh and valid position on the earth"
         if not self._begins():
-            return ""
+            home = self.origin.home if self.origin else None
+            return _NO_ORIGIN if home is None else self._far_from_file_before(plan, *home.to_local(place))
         home = plan.home or Home(*place)
-        away = math.hypot(*home.to_local(place))
-        if away > spec.home_tolerance_m:
-            return (
-                f"the vehicle stands {away:.1f} m from the mission's home, at most {spec.home_tolerance_m:g} m are good"
-            )
-        self.origin = Origin(self.request.session_id, home=home)
-        return ""
+        problem = self._far_from("the mission's home", math.hypot(*home.to_local(place)))
+        self.origin = self.origin if problem else Origin(self.request.session_id, home=home)
+        return problem
 
 
 def frame_begun_anew(origin: Optional[Origin], watch: VehicleWatch, wall_ns: int) -> str:

@@ -34,7 +34,7 @@ _BOUNDS_ROWS: Tuple[Row, ...] = (
 _PLANNER_ROWS: Tuple[Row, ...] = (
     ("acceptance_radius_m", Number(above=0.0, maximum=100.0), "nearer than this a waypoint is reached", "half a metre is what a GPS is good for"),
     ("heading_tolerance_rad", Number(above=0.0, maximum=180.0), "nearer than this a yaw is reached, with set-points", "a magnetometer wanders by some degrees"),
-    ("home_tolerance_m", Number(above=0.0, maximum=1000.0), "how far the first takeoff may be from the mission's home", "the whole mission is flown that much beside its fence"),
+    ("home_tolerance_m", Number(above=0.0, maximum=1000.0), "how far the first takeoff may be from the mission's home, and a later one from where the file before ends", "the mission, or the first leg of a file, is flown that much beside its fence"),
     ("transfer_limit_ns", Number(above=0.0, maximum=600.0), "time in which a waypoint file must be sent, read back and compared", "below the engine's load_limit_s; 500 waypoints on a slow radio take longer"),
     ("message_retry_ns", Number(above=0.0, maximum=60.0), "time without an answer after which a message of the mission protocol is sent again", "longer than a turn of the slowest link"),
     ("command_retry_ns", Number(above=0.0, maximum=60.0), "time without an effect after which a command is sent again", "PX4 shows a change of mode with its next heartbeat; to be told twice does no harm"),
