@@ -60,6 +60,24 @@ def test_nothing_takes_off_with_it_on_or_unheard(width_us, verdict, advice):
     assert (row.verdict, row.advice) == (verdict, advice)
 
 
+@pytest.mark.parametrize("autopilot", [mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA])
+@pytest.mark.parametrize("width_us", [OFF, ON])
+def test_channels_of_a_transmitter_that_is_not_heard_say_nothing(autopilot, width_us):
+    """Its receiver repeats them, or sends those that it was taught for a failsafe."""
+    client = AutopilotClient(
+        replace(AutopilotSettings(), land_switch=LandSwitchSpec(channel=7)), BatterySpec(), lambda: (1, 1)
+    )
+
+    receiver = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    for t_ms in range(0, 3000, 100):
+        client.receive(t_ms * MS, mavlink.MAVLink_heartbeat_message(2, autopilot, 1, 4 << 16, 3, 3))
+        system = mavlink.MAVLink_sys_status_message(0, receiver, 0, 0, 15000, -1, 90, 0, 0, 0, 0, 0, 0)
+        client.receive(t_ms * MS, system)
+        client.receive(t_ms * MS, channels(width_us))
+    row = next(row for row in client.rows(2900 * MS, None) if row.name == "land switch")
+    assert (client.land_switch.on(2900 * MS), row.verdict) == (None, Verdict.UNKNOWN)
+
+
 def test_without_a_channel_there_is_no_row_and_nothing_is_asked_for():
     client = AutopilotClient(AutopilotSettings(), BatterySpec(), lambda: (1, 1))
     assert "land switch" not in {row.name for row in client.rows(0, None)}

@@ -154,10 +154,16 @@ class AutopilotClient:
         elif name == "PARAM_VALUE":
             self._parameters.add(message, bytewise=self._is_px4())
         elif name == "RC_CHANNELS":
-            self.land_switch.add(t_ns, channel_width_us(message, self.land_switch.spec.channel))
+            self._add_channels(t_ns, message)
         elif name == "SYSTEM_TIME":
             self.vehicle.offset.add_system_time(t_ns + self._wall(), message)
         return []
+
+    def _add_channels(self, t_ns: int, message: Message) -> None:
+        """Take the channels; of a transmitter that is not heard a receiver repeats the last ones, or makes them up."""
+        silent = self.vehicle.system.rc(t_ns) is False
+        width_us = None if silent else channel_width_us(message, self.land_switch.spec.channel)
+        self.land_switch.add(t_ns, width_us)
 
     def wake(self, t_ns: int, *, read: bool = True) -> List[Message]:
         """Ask for what is missing, send commands again."""
