@@ -16,10 +16,11 @@ from px4_tools import POSCTL, S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot.link.dialect import current_mode_message, event_message
+from amaze_autonomy.autopilot.vehicle.client import Reply
 from amaze_autonomy.autopilot.vehicle.texts import event_id
 from amaze_autonomy.autopilot.vehicle.vehicle import VehicleState
 from amaze_autonomy.config import AutopilotSettings
-from amaze_autonomy.engine.events import VehicleLanded
+from amaze_autonomy.engine.events import VehicleLanded, Verdict
 from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 
 pytestmark = pytest.mark.long
@@ -99,6 +100,45 @@ def test_link_age_is_the_age_of_anything_and_armed_has_one_of_its_own():
     bench.advance(1.5)
     status = bench.vehicle.status(bench.t_ns)
     assert (status.armed, status.mode) == (True, "AUTO.LOITER")
+
+
+def beat_rows(bench):
+    """Return verdict and age of the rows that the heartbeat alone decides."""
+    rows = {row.name: row for row in bench.ask(bench.client.check, None)}
+    return [(rows[name].verdict, rows[name].age_s) for name in ("not armed", "kill switch")]
+
+
+def test_a_heartbeat_that_is_too_old_passes_no_row_and_says_no_vehicle_disarmed():
+    bench = ClientBench().advance(6.0)
+    bench.deaf = ("HEARTBEAT",)
+    beat_ns = bench.vehicle.beat.t_ns
+    bench.advance(4.0)
+    assert beat_rows(bench) == [(Verdict.PASS, (bench.t_ns - beat_ns) / S)] * 2
+    bench.advance(2.0)
+    assert beat_rows(bench) == [(Verdict.UNKNOWN, (bench.t_ns - beat_ns) / S)] * 2
+    reply = bench.ask(bench.client.disarm)
+    assert (reply.accepted, reply.final) == (False, True)
+    assert reply.message.startswith("whether it is armed is unknown: its last heartbeat came ")
+    assert bench.commands(mavlink.MAV_CMD_COMPONENT_ARM_DISARM) == []
+    bench.deaf = ()
+    bench.advance(1.5)
+    assert [verdict for verdict, _ in beat_rows(bench)] == [Verdict.PASS] * 2
+    assert bench.ask(bench.client.disarm).accepted is True
+
+
+def test_a_vehicle_last_heard_armed_is_disarmed_on_the_ground_and_that_is_not_believed_without_a_heartbeat():
+    bench = ClientBench().fly()
+    bench.ask(bench.client.land)
+    bench.advance(1.0)
+    bench.deaf = ("HEARTBEAT",)
+    bench.until(lambda: bench.vehicle.landed(bench.t_ns) is VehicleLanded.ON_GROUND).advance(0.7)
+    assert (bench.vehicle.armed(bench.t_ns), bench.far.craft.armed) == (None, True)
+    assert bench.ask(bench.client.disarm).final is False
+    bench.until(lambda: not bench.far.craft.armed, limit_s=0.5).advance(0.5)
+    assert bench.client.disarm_reply().final is False
+    bench.deaf = ()
+    bench.advance(1.5)
+    assert bench.client.disarm_reply() == Reply(accepted=True, message="the vehicle is disarmed", final=True)
 
 
 @pytest.mark.parametrize(

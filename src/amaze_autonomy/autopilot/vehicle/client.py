@@ -257,8 +257,12 @@ class AutopilotClient:
         beat = self.vehicle.beat
         if beat is None or not self.vehicle.connected(t_ns):
             return Reply(accepted=False, message="no link to the vehicle", final=True), []
-        if not beat.armed:
+        if self._disarm_seen():
             return Reply(accepted=True, message="the vehicle is disarmed", final=True), []
+        if not beat.armed:  # somebody may have armed it since, and fly it
+            age_s = (t_ns - beat.t_ns) / _S
+            said = f"whether it is armed is unknown: its last heartbeat came {age_s:.1f} s ago"
+            return Reply(accepted=False, message=said, final=True), []
         other = self._flies(agreed=False)
         if other is not None:
             return self._left_to(other), []
@@ -353,8 +357,7 @@ class AutopilotClient:
         return command_long(*self._address(), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
 
     def _disarm_seen(self) -> bool:
-        beat = self.vehicle.beat
-        return beat is not None and not beat.armed
+        return self.vehicle.armed(self._t_ns) is False
 
     def _acknowledged(self, message: Message) -> None:
         command = {

@@ -5,7 +5,7 @@ What cannot be judged is UNKNOWN, which refuses the takeoff. A need that the con
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Callable, Optional, Sequence, Tuple
 
 from amaze_autonomy.config import AutopilotSettings
@@ -32,6 +32,7 @@ _SILENT = (
     "look at its power module; one that was unplugged on the ground is forgotten by itself after half a minute, "
     "one that fell silent in flight when the autopilot was switched off"
 )
+_NO_BEAT = "the vehicle is heard, but its last heartbeat is too old to say it: look at the rate and losses of its link"
 _OTHER_NAMES = "this ArduPilot knows none of ardupilot_parameters in autopilot.yaml (docs/autopilot.md)"
 
 
@@ -57,9 +58,15 @@ class Preflight:
 
     @property
     def age_s(self) -> Optional[float]:
-        """Age of the heartbeat."""
+        """Time since anything was heard."""
         age_ns = self.vehicle.link_age_ns(self.t_ns)
         return None if age_ns is None else age_ns / _S
+
+    @property
+    def beat_age_s(self) -> Optional[float]:
+        """Age of the heartbeat."""
+        beat = self.vehicle.beat
+        return None if beat is None else (self.t_ns - beat.t_ns) / _S
 
     @property
     def connected(self) -> bool:
@@ -110,9 +117,16 @@ def _row(
     return Check(name, verdict, age_s=known.age_s, advice="" if good else advice[:_LONGEST_ADVICE], heals=comes)
 
 
+def _row_of_beat(known: Preflight, name: str, advice: str, *, good: bool) -> Check:
+    """Return a row of what the heartbeat alone says: of an old one it is unknown, though the vehicle is heard."""
+    said = known.vehicle.armed(known.t_ns) is not None
+    row = _row(known, name, advice if said else _NO_BEAT, good=good if said else None)
+    return replace(row, age_s=known.beat_age_s)
+
+
 def _not_armed(known: Preflight) -> Check:
-    beat = known.vehicle.beat
-    return _row(known, "not armed", "disarm the vehicle", good=None if beat is None else not beat.armed)
+    good = known.vehicle.armed(known.t_ns) is False
+    return _row_of_beat(known, "not armed", "disarm the vehicle", good=good)
 
 
 def _prearm(known: Preflight) -> Check:
@@ -157,7 +171,8 @@ def _rc(known: Preflight) -> Check:
 
 
 def _kill(known: Preflight) -> Check:
-    return _row(known, "kill switch", "release the kill switch", good=not known.vehicle.control.killed)
+    good = not known.vehicle.control.killed
+    return _row_of_beat(known, "kill switch", "release the kill switch", good=good)
 
 
 def _home(known: Preflight) -> Check:
