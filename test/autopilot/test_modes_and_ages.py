@@ -347,6 +347,13 @@ def test_a_pack_that_falls_silent_in_flight_leaves_its_level_which_grows_old_and
     assert battery_at(vehicle, 31) == (0.8, 0.5, False)
 
 
+@pytest.mark.parametrize("packs", [5, 9, 16])
+def test_the_last_of_as_many_packs_as_an_ardupilot_has_counts(packs):
+    vehicle = VehicleState(AutopilotSettings())
+    tell(vehicle, 0, 1, {**{number: GOOD for number in range(packs - 1)}, packs - 1: EMPTY}, armed=False)
+    assert battery_at(vehicle, 1) == (0.07, 0.5, True)
+
+
 def test_a_better_pack_that_falls_silent_in_flight_makes_the_level_old_as_well():
     vehicle = VehicleState(AutopilotSettings())
     tell(vehicle, 0, 10, {0: GOOD, 1: (30, 1)}, armed=True)
