@@ -350,7 +350,7 @@ def test_a_pack_that_falls_silent_in_flight_leaves_its_level_which_grows_old_and
 @pytest.mark.parametrize("packs", [5, 9, 16])
 def test_the_last_of_as_many_packs_as_an_ardupilot_has_counts(packs):
     vehicle = VehicleState(AutopilotSettings())
-    tell(vehicle, 0, 1, {**{number: GOOD for number in range(packs - 1)}, packs - 1: EMPTY}, armed=False)
+    tell(vehicle, 0, 1, {**dict.fromkeys(range(packs - 1), GOOD), packs - 1: EMPTY}, armed=False)
     assert battery_at(vehicle, 1) == (0.07, 0.5, True)
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import pytest
+from autopilot_tools import beat
 from client_bench import ClientBench
 from flying import Flying, S
 from px4_tools import LOITER
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from amaze_autonomy.autopilot.vehicle.vehicle import VehicleState
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 
+ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 GCS, ONBOARD = mavlink.MAV_TYPE_GCS, mavlink.MAV_TYPE_ONBOARD_CONTROLLER
 
 
@@ -83,6 +86,63 @@ def test_an_autopilot_that_starts_again_is_told_of_once():
     bench.client.receive(bench.t_ns, mavlink.MAVLink_local_position_ned_message(100, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     bench.advance(5.0)
     assert told == [(mavlink.MAV_SEVERITY_ALERT, "the autopilot has started again")]
+
+
+TELL_ITS_START = {
+    "ATTITUDE": lambda boot_ms: mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "LOCAL_POSITION_NED": lambda boot_ms: mavlink.MAVLink_local_position_ned_message(boot_ms, 1.0, 2.0, -0.1, 0, 0, 0),
+    "SYSTEM_TIME": lambda boot_ms: mavlink.MAVLink_system_time_message(0, boot_ms),
+}
+HOME = mavlink.MAVLink_home_position_message(474000000, 85000000, 500000, 1.0, 2.0, 0.0, [1, 0, 0, 0], 0, 0, 0)
+
+
+def tell(vehicle, t_s, *messages, armed=False):
+    """Let a vehicle say messages for two seconds."""
+    for number in range(4):
+        t_ns = t_s * S + number * S // 2
+        for message in (beat(4, armed=armed, autopilot=ARDUPILOT), *messages):
+            vehicle.receive(t_ns, message)
+
+
+@pytest.mark.parametrize("name", TELL_ITS_START)
+def test_an_autopilot_that_has_started_again_is_known_by_any_message_that_tells_it(name):
+    """As an ArduPilot within doors: it then has no local position, and no home."""
+    vehicle = VehicleState(AutopilotSettings())
+    tell(vehicle, 0, *(message(600_000) for message in TELL_ITS_START.values()), HOME)
+    assert (vehicle.restarts, vehicle.position.home_ns is None) == (0, False)
+    tell(vehicle, 6, TELL_ITS_START[name](1_500))
+    assert (vehicle.restarts, vehicle.position.home_ns is None) == (1, True)
+
+
+def test_messages_that_are_under_way_for_different_times_are_no_start():
+    vehicle = VehicleState(AutopilotSettings())
+    for boot_ms in (600_000, 599_200, 600_100, 0, 600_300):  # mavros has no such time: 0
+        tell(vehicle, 0, *(message(boot_ms) for message in TELL_ITS_START.values()), HOME)
+    assert (vehicle.restarts, vehicle.position.home_ns is None) == (0, False)
+
+
+@pytest.mark.parametrize(
+    "boot_ms, pause_s, armed, forgotten",
+    [(0, 12, False, True), (0, 8, False, False), (0, 12, True, False), (600_000, 12, False, False)],
+)
+def test_behind_mavros_the_home_of_before_a_break_on_the_ground_is_forgotten(boot_ms, pause_s, armed, forgotten):
+    vehicle = VehicleState(AutopilotSettings())
+    attitude = TELL_ITS_START["ATTITUDE"](boot_ms)
+    tell(vehicle, 0, attitude, HOME)
+    tell(vehicle, pause_s, attitude, armed=armed)
+    assert (vehicle.position.home_ns is None) is forgotten
+    tell(vehicle, pause_s + 2, attitude, HOME, armed=armed)
+    assert vehicle.position.home_ns is not None
+
+
+def test_behind_mavros_one_wrong_heartbeat_after_a_break_in_flight_forgets_no_home_and_one_that_came_since_stays():
+    vehicle = VehicleState(AutopilotSettings())
+    tell(vehicle, 0, HOME, armed=True)
+    vehicle.receive(20 * S, beat(4, autopilot=ARDUPILOT))
+    tell(vehicle, 21, armed=True)
+    assert vehicle.position.home_ns is not None
+    tell(vehicle, 40, HOME)
+    assert vehicle.position.home_ns is not None
 
 
 def test_motors_that_px4_stops_by_itself_before_the_takeoff_are_no_flight():

@@ -30,6 +30,7 @@ _LANDED: Mapping[int, VehicleLanded] = {
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
 _RESTART_MS = 1000
+_TELL_ITS_START = frozenset(("ATTITUDE", "LOCAL_POSITION_NED", "SYSTEM_TIME"))  # by stamps of when they were sent
 _POWERLESS_NS = 10 * _S  # as long as a vehicle is silent at least whose battery is exchanged
 _DOUBT_NS = 1_300_000_000  # of heartbeats at 1 Hz, another one has come
 
@@ -107,11 +108,13 @@ class VehicleState:
         self._heard_ns: Optional[int] = None
         self._landed: Optional[Tuple[int, int]] = None
         self._boot_ms: Optional[int] = None
+        self._powered_ns: Optional[int] = None  # since then it beats again, and may have been without power before
         self._takers = {name: attrgetter(taken.by)(self) for name, taken in _TAKERS.items()}
 
     def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> None:
         """Take a message; of others than `WANTED` only that they came is noted, where the vehicle itself said them."""
         self._heard_ns = t_ns if heard else self._heard_ns
+        self._look_at_its_start(message)
         taker = self._takers.get(message.get_type())
         if taker is not None:
             taker(t_ns, message)
@@ -266,6 +269,7 @@ class VehicleState:
         self.control.add(beat)
         self.ground.add_armed(t_ns, armed=beat.armed)
         self._watch_battery(t_ns, before, beat)
+        self._watch_home(t_ns, before, beat)
         if self._landed is None:
             self.ground.add_landed(t_ns, self.landed(t_ns))
         self._agree(t_ns, beat.mode)
@@ -276,6 +280,21 @@ class VehicleState:
             self.battery.restarted()
         armed = beat.armed and before is not None and before.armed
         self.battery.watch(t_ns, armed=armed, disarmed=self.ground.disarmed)
+
+    def _watch_home(self, t_ns: int, before: Optional[Heartbeat], beat: Heartbeat) -> None:
+        """Forget the home from before a break where no message tells its start (mavros), once it is surely disarmed.
+
+        The break is as long as mavros' own limit (`conn/timeout`), after which mavros asks for the home again.
+        """
+        if self._boot_ms is not None or beat.armed:
+            self._powered_ns = None
+        elif before is not None and t_ns - before.t_ns >= _POWERLESS_NS:
+            self._powered_ns = t_ns
+        if self._powered_ns is not None and self.ground.disarmed:
+            home_ns, powered_ns = self.position.home_ns, self._powered_ns
+            self._powered_ns = None
+            if home_ns is not None and home_ns < powered_ns:
+                self.position.forget_takeoff()
 
     def _agree(self, t_ns: int, mode: str) -> None:
         self._piloted.add(t_ns, so=self.control.pilot)
@@ -316,12 +335,20 @@ class VehicleState:
     def _attitude(self, t_ns: int, message: Any) -> None:
         self.tilt.add(t_ns, tilt_of_rpy(message.roll, message.pitch))
 
-    def _local(self, t_ns: int, message: Any) -> None:
+    def _look_at_its_start(self, message: Any) -> None:
+        """Notice that the autopilot has started again by any message that tells it, since not each of them comes.
+
+        Indoors, and before its GPS has a fix, an ArduPilot has no local position. Behind mavros the time is 0: unknown.
+        """
+        if message.get_type() not in _TELL_ITS_START or not message.time_boot_ms:
+            return
         if self._boot_ms is not None and message.time_boot_ms + _RESTART_MS < self._boot_ms:
             self.restarts += 1
             self.battery.restarted()
             self.position.forget_takeoff()
         self._boot_ms = message.time_boot_ms
+
+    def _local(self, t_ns: int, message: Any) -> None:
         agreed = self.ground.disarmed or self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)
         rests = agreed and self.landed(t_ns) is VehicleLanded.ON_GROUND
         self.position.add_local(t_ns, message, on_ground=rests)
