@@ -16,6 +16,11 @@ from amaze_autonomy.autopilot.link.ports import Endpoint, EndpointKind, make_por
         ("serial:/dev/ttyACM0:921600", Endpoint(EndpointKind.SERIAL, "/dev/ttyACM0", 921600)),
         ("serial:///dev/ttyACM0:57600", Endpoint(EndpointKind.SERIAL, "/dev/ttyACM0", 57600)),
         ("serial:/dev/ttyUSB0", Endpoint(EndpointKind.SERIAL, "/dev/ttyUSB0", 57600)),
+        (
+            "serial:/dev/by-path/usb-0:2:1.0:921600",
+            Endpoint(EndpointKind.SERIAL, "/dev/by-path/usb-0:2:1.0", 921600),
+        ),
+        ("serial:/dev/by-path/usb-0:2:1.0", Endpoint(EndpointKind.SERIAL, "/dev/by-path/usb-0:2:1.0", 57600)),
         ("udpin:0.0.0.0:14540", Endpoint(EndpointKind.UDP_IN, "0.0.0.0", 14540)),
         ("udp:127.0.0.1:14550", Endpoint(EndpointKind.UDP_IN, "127.0.0.1", 14550)),
         ("udpout:192.168.1.2:14550", Endpoint(EndpointKind.UDP_OUT, "192.168.1.2", 14550)),
@@ -41,6 +46,9 @@ def test_urls_are_read_as_mavlink_people_write_them(url, endpoint):
         ("udpin:0.0.0.0:0", "names no host and port"),
         ("tcp:host:port", "names no host and port"),
         ("serial:/dev/ttyACM0:fast", "names no device and baud rate"),
+        ("serial:/dev/ttyACM0:", "names no device and baud rate"),
+        ("serial:/dev/by-path/usb-0:2:1.0:0", "names no device and baud rate"),
+        ("serial:ttyACM0", "names no device and baud rate"),
         ("serial:ttyACM0:57600", "names no device and baud rate"),
     ],
 )

@@ -212,8 +212,21 @@ def test_without_a_land_switch_its_message_may_come_as_others_want_it(small):
         ("serial:/dev/ttyACM0:fast", False),
         ("serial:/dev/ttyACM0:0", False),
         ("serial:/dev/ttyACM0:123456", False),
-        ("serial:/dev/serial/by-path/pci-0000:00:14.0-usb:57600", False),
+        ("serial:/dev/ttyACM0:", False),
+        ("serial:/dev/tty ACM0:57600", False),
+        ("serial:/dev/ttyACM0::57600", False),
+        ("serial:/dev/ttyACM0:\u0665\u0667\u0666\u0660\u0660", False),
+        ("serial:/dev/serial/by-path/pci-0000:00:14.0-usb:57600", True),
+        ("serial:/dev/serial/by-path/platform-3610000.xhci-usb-0:2.1:1.0:921600", True),
+        ("serial:///dev/serial/by-path/platform-3610000.xhci-usb-0:2.1:1.0", True),
+        ("serial:/dev/serial/by-path/platform-3610000.xhci-usb-0:2.1:1.0-port0", True),
+        ("serial:/dev/serial/by-path/platform-3610000.xhci-usb-0:2.1:1.0:fast", False),
+        ("serial:/dev/serial/by-path/platform-3610000.xhci-usb-0:2.1:1.0:0", False),
         ("serial:ttyACM0:57600", False),
+        ("serial:ttyACM0", False),
+        ("serial://dev/ttyACM0", False),
+        ("serial:/", False),
+        ("serial:/:57600", False),
     ],
 )
 def test_a_url_is_good_when_the_nodes_can_open_it(url, good):
@@ -236,6 +249,8 @@ def test_a_url_is_good_when_the_nodes_can_open_it(url, good):
         ("serial:/dev/ttyACM0", "serial:/dev/ttyACM0:57600", True),
         ("serial:/dev/ttyACM0:921600", "serial:///dev/ttyACM0:57600", True),
         ("serial:/dev/ttyACM0", "serial:/dev/ttyACM1", False),
+        ("serial:/dev/by-path/usb-0:2.1:1.0", "serial:/dev/by-path/usb-0:2.1:1.0:57600", True),
+        ("serial:/dev/by-path/usb-0:2.1:1.0:57600", "serial:/dev/by-path/usb-0:2.2:1.0:57600", False),
     ],
 )
 def test_one_endpoint_is_one_however_it_is_written(url, planner_url, same):

@@ -33,6 +33,7 @@ from .dialect import LATE_NS
 
 _DEFAULT_BAUD = 57600
 _LAST_PORT = 65535
+_DEVICE = r"/[^\x00-\x20\x7f]*[^\x00-\x20\x7f:/]"
 _FORMS = "serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or tcpin:HOST:PORT"
 
 
@@ -85,12 +86,14 @@ def parse_endpoint(url: str) -> Endpoint:
 
 
 def _serial(url: str, rest: str) -> Endpoint:
-    device, _, number = rest.partition(":")
-    if not number:
-        return Endpoint(EndpointKind.SERIAL, device, _DEFAULT_BAUD)
-    if not device.startswith("/") or not number.isdecimal() or not int(number):
+    """Return a device and its baud rate; the stable names of /dev/serial/by-path have colons in them themselves."""
+    device, colon, tail = rest.rpartition(":")
+    has_baud = tail.isascii() and tail.isdecimal()
+    if not colon or (not has_baud and re.match(r"[0-9]", tail)):
+        device, tail, has_baud = rest, str(_DEFAULT_BAUD), True
+    if not re.fullmatch(_DEVICE, device) or not has_baud or not int(tail):
         raise EndpointError(repr(url), "names no device and baud rate", "must be serial:/dev/ttyACM0:921600 or alike")
-    return Endpoint(EndpointKind.SERIAL, device, int(number))
+    return Endpoint(EndpointKind.SERIAL, device, int(tail))
 
 
 # --- ports ------------------------------------------------------------------------------------------------------------

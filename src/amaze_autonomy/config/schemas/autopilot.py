@@ -175,11 +175,13 @@ def _time(most: float = 60.0) -> Number:
     return Number(above=0.0, maximum=most)
 
 
-# what the nodes can open, as `parse_endpoint` of the link reads it: a port of 1 to 65535, a device without a colon
+# what the nodes can open, as `parse_endpoint` of the link reads it: a port of 1 to 65535; behind the last colon of a
+# device its baud rate, or the rest of its name, which begins with a digit there and is no number
 _PORT = r"0*(?:[1-9][0-9]{0,3}|[1-5][0-9]{4}|6[0-4][0-9]{3}|65[0-4][0-9]{2}|655[0-2][0-9]|6553[0-5])"
 _HOST = r"\[[0-9A-Fa-f:.]+\]|[^\x00-\x20\x7f/\[\]]+"
 _URL = re.compile(
-    r"serial:(?://)?(?P<device>/[^\x00-\x20\x7f:]+)(?::(?P<baud>0*[1-9][0-9]*))?"
+    r"serial:(?://|(?!//))(?=/)(?!.*:(?:0*|[^0-9:][^:]*)\Z|.*[/:]:[0-9]+\Z)"
+    r"(?P<device>/[^\x00-\x20\x7f]*?[^\x00-\x20\x7f:/])(?::(?P<baud>0*[1-9][0-9]*))?"
     rf"|(?P<kind>udp|udpin|udpout|tcp|tcpin):(?://)?(?P<host>{_HOST}):(?P<port>{_PORT})"
 )
 
