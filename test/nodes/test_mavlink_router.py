@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 from dataclasses import replace
@@ -43,6 +44,35 @@ def test_each_link_is_an_endpoint_and_the_device_comes_last():
 @pytest.mark.parametrize("url", ["udpout:127.0.0.1:14540", "serial:/dev/ttyACM0:57600", "tcp:127.0.0.1:5760"])
 def test_a_link_that_does_not_wait_on_udp_cannot_be_reached(url):
     with pytest.raises(EndpointError, match="cannot be reached by a router"):
+        arguments_of("/dev/ttyACM0", replace(AutopilotSettings(), link=LinkSettings(url=url)))
+
+
+@pytest.mark.parametrize(
+    "url, place",
+    [
+        ("udpin:192.168.1.2:14540", "192.168.1.2:14540"),
+        ("udp:0.0.0.0:14540", "127.0.0.1:14540"),
+        ("udpin:[::1]:14540", "[::1]:14540"),
+        ("udpin:::1:14540", "[::1]:14540"),
+        ("udpin:[::]:14540", "[::1]:14540"),
+        ("udpin:[0::0]:14540", "[::1]:14540"),
+    ],
+)
+def test_a_link_is_reached_where_it_waits(url, place):
+    command = arguments_of("/dev/ttyACM0", replace(AutopilotSettings(), link=LinkSettings(url=url)))
+    assert command[4] == place
+
+
+@pytest.mark.parametrize("found, place", [("127.0.0.1", "127.0.0.1:14540"), ("::1", "[::1]:14540")])
+def test_localhost_is_the_address_at_which_the_link_waits(found, place, monkeypatch):
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: [(0, 0, 0, "", (found, 14540))])
+    command = arguments_of("/dev/ttyACM0", replace(AutopilotSettings(), link=LinkSettings(url="udpin:localhost:14540")))
+    assert command[4] == place
+
+
+@pytest.mark.parametrize("url", ["udpin:companion.local:14540", "udpin:127.1:14540"])
+def test_a_name_that_a_router_does_not_look_up_is_refused(url):
+    with pytest.raises(EndpointError, match="names a host that a router cannot send to"):
         arguments_of("/dev/ttyACM0", replace(AutopilotSettings(), link=LinkSettings(url=url)))
 
 
