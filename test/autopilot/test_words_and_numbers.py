@@ -283,6 +283,29 @@ def test_whole_numbers_of_px4_are_in_the_bytes_and_of_ardupilot_in_the_value():
         assert [one.agrees for one in parameters.states] == [True, None]
 
 
+@pytest.mark.parametrize(
+    "expected, told, agrees",
+    [
+        (131072, 131073.0, False),
+        (10040016, 10040015.0, False),
+        (-200000, -200001.0, False),
+        (200000, 200000.0, True),
+        (0, 0.0, True),
+        (0.1, struct.unpack("<f", struct.pack("<f", 0.1))[0], True),
+        (2, 2.0000002, True),  # made of another unit
+        (33554433, 33554432.0, True),  # a float has no bit for it
+    ],
+)
+def test_whole_numbers_agree_exactly_and_others_as_well_as_a_float_can(expected, told, agrees):
+    assert ParameterState("A", expected, told).agrees is agrees
+
+
+def test_whole_numbers_that_differ_are_told_with_all_of_their_digits():
+    state = ParameterState("SERVO_BLH_MASK", 10040016, 10040015.0)
+    assert state.difference == "SERVO_BLH_MASK is 10040015, should be 10040016"
+    assert ParameterState("A", 0.25, 1 / 3).difference == "A is 0.333333, should be 0.25"
+
+
 def test_a_parameter_is_asked_for_until_it_is_answered():
     parameters = Parameters({"A": 3})
     asked = [t_s for t_s in range(30) if parameters.wake(t_s * S, 1, 1)]

@@ -102,6 +102,17 @@ _FORMATS: Mapping[int, str] = {
 }
 
 
+_EXACT = 1 << 24  # a whole number below this is itself in a float of 32 bits
+
+
+def _is_whole(value: float) -> bool:
+    return float(value).is_integer() and abs(value) < _EXACT
+
+
+def _said(value: float) -> str:
+    return f"{value:.0f}" if _is_whole(value) else f"{value:g}"
+
+
 class ParameterState(NamedTuple):
     """One parameter: what it should be, what it is (None: not read yet)."""
 
@@ -111,10 +122,18 @@ class ParameterState(NamedTuple):
 
     @property
     def agrees(self) -> Optional[bool]:
-        """Whether it is as configured; None: not read yet."""
+        """Whether it is as configured, a whole number exactly: it may be made of bits; None: not read yet."""
         if self.value is None:
             return None
+        if _is_whole(self.expected) and _is_whole(self.value):
+            return self.value == self.expected
         return isclose(self.value, self.expected, rel_tol=1e-5, abs_tol=1e-6)
+
+    @property
+    def difference(self) -> str:
+        """What it is and should be, in words; whole numbers with all of their digits."""
+        is_now = "not read" if self.value is None else _said(self.value)
+        return f"{self.name} is {is_now}, should be {_said(self.expected)}"
 
 
 class _Asked:

@@ -183,7 +183,7 @@ def _home(known: Preflight) -> Check:
 
 def _parameters(known: Preflight) -> Check:
     states = known.parameters
-    wrong = [f"{one.name} is {one.value:g}, should be {one.expected:g}" for one in states if one.agrees is False]
+    wrong = [one.difference for one in states if one.agrees is False]
     unread = [one.name for one in states if one.agrees is None]
     words = wrong + ([f"not read: {', '.join(unread)}"] if unread else [])
     if unread and len(unread) == len(states) and _is_ardupilot(known):
