@@ -332,7 +332,7 @@ def test_what_is_sent_goes_to_ours_and_the_stranger_is_told_with_its_address():
         both.other.say(beat(9), beat(9), beat(9))
         wait_until(lambda: both.link.state.strangers)
         assert both.link.state.strangers == (f"127.0.0.1:{both.other.port}",)
-        assert link_problem(both.link.state) == (
+        assert link_problem(both.link.state, time.monotonic_ns()) == (
             f"another vehicle says system id 1, from 127.0.0.1:{both.other.port}; it is ignored: "
             "give it another MAV_SYS_ID or port"
         )

@@ -411,31 +411,43 @@ def strangers_problem(vehicle: Optional[int], strangers: Sequence[str]) -> str:
     return f"another vehicle says system id {vehicle}, from {where}; it is ignored: give it another MAV_SYS_ID or port"
 
 
-_Row = Tuple[Callable[[LinkState], bool], Callable[[LinkState], str]]
+def _never(state: LinkState) -> bool:
+    return state.heartbeat_ns is None
+
+
+def _is_silent(state: LinkState, t_ns: int) -> bool:
+    return state.heartbeat_ns is not None and t_ns - state.heartbeat_ns > _SILENCE_NS
+
+
+_Row = Tuple[Callable[[LinkState, int], bool], Callable[[LinkState], str]]
 _ROWS: Tuple[_Row, ...] = (
-    (lambda state: bool(state.problem), lambda state: state.problem),
+    (lambda state, _: bool(state.problem), lambda state: state.problem),
     (
-        lambda state: state.heartbeat_ns is None and state.refused > 0,
+        lambda state, _: _never(state) and state.refused > 0,
         lambda _: "no message has a good signature: the vehicle has another key, or none",
     ),
     (
-        lambda state: state.heartbeat_ns is None and bool(state.others),
+        lambda state, _: _never(state) and bool(state.others),
         lambda state: f"no vehicle {state.vehicle}; heard are {', '.join(map(str, state.others))}: see vehicle_id",
     ),
     (
-        lambda state: state.heartbeat_ns is None and state.frames == 0 and state.damaged_bytes > _NOISE_BYTES,
+        lambda state, _: _never(state) and state.frames == 0 and state.damaged_bytes > _NOISE_BYTES,
         lambda _: "only noise is heard: is the baud rate right, does MAVLink come from there?",
     ),
-    (lambda state: state.heartbeat_ns is None, lambda _: "no vehicle heard yet"),
-    (lambda state: bool(state.strangers), lambda state: strangers_problem(state.vehicle, state.strangers)),
+    (lambda state, _: _never(state), lambda _: "no vehicle heard yet"),
+    (lambda state, _: bool(state.strangers), lambda state: strangers_problem(state.vehicle, state.strangers)),
     (
-        lambda state: state.doubles >= _DOUBLES,
+        _is_silent,  # the words stay the same while it lasts, since each change is told
+        lambda state: f"vehicle {state.vehicle} has fallen silent: no heartbeat for {_SILENCE_NS // _S} s",
+    ),
+    (
+        lambda state, _: state.doubles >= _DOUBLES,
         lambda _: "somebody else speaks with our own system and component id: give one another component_id",
     ),
-    (lambda state: state.errors > 0, lambda _: "a message could not be dealt with: see the log"),
+    (lambda state, _: state.errors > 0, lambda _: "a message could not be dealt with: see the log"),
 )
 
 
-def link_problem(state: LinkState) -> str:
-    """Return what is wrong; empty: nothing."""
-    return next((words(state) for fits, words in _ROWS if fits(state)), "")
+def link_problem(state: LinkState, t_ns: int) -> str:
+    """Return what is wrong at a time, of the clock that stamps what the client is given; empty: nothing."""
+    return next((words(state) for fits, words in _ROWS if fits(state, t_ns)), "")

@@ -142,7 +142,7 @@ class AutopilotNode:
     def _tell(self, now_ns: int) -> None:
         self._publish()
         self._diagnostics.publish(now_ns, self._rows())
-        self._tell_link()
+        self._tell_link(now_ns)
 
     def _key(self, t_ns: int) -> Tuple[Any, ...]:
         """Return what is told at once when it changes."""
@@ -175,9 +175,9 @@ class AutopilotNode:
         }
         return vehicle.status(t_ns), health, measured, vehicle.sequences(t_ns)
 
-    def _tell_link(self) -> None:
+    def _tell_link(self, now_ns: int) -> None:
         """Log what has become of the link, once for each change."""
-        problem = link_problem(self._link.state)
+        problem = link_problem(self._link.state, now_ns)
         if problem != self._problem:
             self._problem = problem
             tell_link("autopilot", self._settings, self._settings.link, problem)

@@ -155,7 +155,7 @@ class MissionPlannerNode:
         status = self._status()
         self._publisher.publish(status_message(status, self._clock.ros_ns()))
         self._diagnostics.publish(now_ns, self._rows(status, now_ns))
-        self._tell_link()
+        self._tell_link(now_ns)
 
     def _status(self) -> MissionStatus:
         status: MissionStatus = self._link.ask(lambda t_ns: (self.planner.status(t_ns), ()))
@@ -178,9 +178,9 @@ class MissionPlannerNode:
             Check(f"phase {status.phase.name}", Verdict.FAIL if failed else Verdict.PASS, advice=status.message),
         )
 
-    def _tell_link(self) -> None:
+    def _tell_link(self, now_ns: int) -> None:
         """Log what has become of the link, once for each change."""
-        problem = link_problem(self._link.state)
+        problem = link_problem(self._link.state, now_ns)
         if problem != self._problem:
             self._problem = problem
             tell_link("mission planner", self._autopilot, self._autopilot.planner_link, problem)
