@@ -219,6 +219,19 @@ def test_a_sequencer_that_does_not_land_after_the_last_waypoint_has_failed(make,
     assert flight.state.session.result is Result.LANDED_EARLY
 
 
+def test_a_landing_whose_answer_was_lost_is_one_where_the_second_is_refused(make):
+    """It refuses a LAND while it lands."""
+    flight = make()
+    flight.until(lambda: LAND in flight.requests())
+    its = planner(flight)
+    its._land_until_ns, its._phase = flight.t_ns, P.FLYING
+    its._repeat_landing(flight.t_ns)
+    its._land_refused()
+    assert its._phase is P.LANDING
+    flight.end()
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+
+
 def test_an_answer_that_comes_late_finds_a_landing_that_was_asked_for_twice(make):
     flight = make()
     flight.until(lambda: LAND in flight.requests())
@@ -271,7 +284,7 @@ def test_a_landing_that_does_not_come_down_has_a_limit(make, configuration):
     flight.until(lambda: planner(flight)._phase is P.LANDING)
     began_ns = flight.t_ns
     flight.until(lambda: flight.state.state is State.LAND)
-    assert flight.t_ns - began_ns == pytest.approx(configuration.rules.limits.land_limit_ns, abs=S)
+    assert flight.t_ns - began_ns == pytest.approx(2 * configuration.rules.limits.land_limit_ns, abs=S)
     flight.until(lambda: not flight.vehicle.armed)
     flight.end()
     assert flight.state.session.result is Result.LANDED_EARLY

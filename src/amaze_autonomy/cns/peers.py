@@ -39,6 +39,7 @@ from ..interface.tables import Service
 from .tables import UNLISTED, EntityStatus, code_of, component_of
 
 _S = 1_000_000_000
+GONE_NS = 6 * _S // 10  # without a publisher: one connection that breaks is made again before that
 _REPLY_EARLY = 0.9  # of the engine's limit: our word comes before its own "did not answer"
 _UNKNOWN_ENTITY = "cns_watchdog"
 _UNEXPLAINED_BEATS = 2  # that say ERROR without a log between them: the log of that is not under way any more
@@ -386,7 +387,7 @@ class LandingDetection(Peer):
         self._landed, self._reason = Landed.UNKNOWN, "its landing detector has said nothing yet"
         self._ended: List[Event] = []
         self._rhythm = Rhythm(rate_hz)
-        self._was_there = False
+        self._gone_ns: Optional[int] = None  # when it counts as gone unless it is there again
         self.alive = True
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
@@ -411,9 +412,10 @@ class LandingDetection(Peer):
         """Return replies, and the level; unknown while nobody is there, and then until there is an event or a check."""
         ended, self._ended = self._ended, []
         ended += self._call.overdue(t_ns)
-        if self._was_there and not self.alive and self._landed is not Landed.UNKNOWN:  # who comes may be another one
+        if self.alive:
+            self._gone_ns = t_ns + GONE_NS
+        elif self._gone_ns is not None and t_ns >= self._gone_ns:  # who comes may be another one
             self._landed, self._reason = Landed.UNKNOWN, "its landing detector was away: unknown until its next event"
-        self._was_there = self.alive
         landed = self._landed if self.alive else Landed.UNKNOWN
         reason = self._reason if self.alive else "its landing detector is not there"
         if self._rhythm.due(t_ns, (landed, reason)):

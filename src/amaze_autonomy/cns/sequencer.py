@@ -24,7 +24,7 @@ from amaze_autonomy.engine.events import Event, MissionPhase, MissionStatus
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Frame, MissionPlan, Trajectory
 
-from .peers import Peer, Publish, Rhythm, replied
+from .peers import GONE_NS, Peer, Publish, Rhythm, replied
 from .tables import Answer, Reference, Request, WaypointAction
 
 _S = 1_000_000_000
@@ -32,7 +32,8 @@ _REPLY_EARLY = 0.8
 _SAME_M = 0.05
 _HEADING_AGE_NS = _S
 _LEAST_FLIGHT_NS = 60 * _S
-_GONE_NS, _COMES_NS = 6 * _S // 10, 3 * _S  # without a publisher of answers: in flight; after this process has begun
+_SLOWER = 2  # so many times as long as was estimated a leg, or a landing, may take
+_COMES_NS = 3 * _S  # without a publisher of answers, after this process has begun
 _LAST_ID = 255
 _P = MissionPhase
 _IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
@@ -90,7 +91,7 @@ class Sequencer(Peer):
         self._quiet_ns, self._counted_ns = 0, 0  # of a flight, in which nothing new was said; counted up to then
         self._heard_ns = 0
         self._land_until_ns: Optional[int] = None  # the LAND after the last waypoint must have begun
-        self._land_repeated = False
+        self._land_repeated = self._land_refused_once = False
         self._gone_ns: Optional[int] = None  # when it counts as gone unless it is there again
         self.alive = True
 
@@ -117,6 +118,7 @@ class Sequencer(Peer):
             raise ValueError(f"there is no mission {mission_id!r} any more")
         points = tuple(((float(x), float(y), float(z)), yaw, hold_s) for (x, y, z), yaw, hold_s in kept["points"])
         asked, arming_ns = kept["asked"], kept["arming_ns"]
+        self._counted_ns = t_ns
         name, before_hold, message = kept["phase"]
         loaded = LoadMission(
             id=0,
@@ -131,9 +133,8 @@ class Sequencer(Peer):
         self._asked = None if asked is None else Request[asked]
         self._arming_ns = None if arming_ns is None else int(arming_ns)
         self._landing, self._gone_ns = bool(kept["landing"]), t_ns + _COMES_NS
-        self._skipped = [int(number) for number in kept["skipped"]]
+        self._skipped = [int(number) for number in kept.get("skipped", ())]
         self._restored = True
-        self._counted_ns = t_ns
         if self._landing and self._phase in (_P.FLYING, _P.HOLDING):  # whether it has begun was not heard
             self._land_until_ns = t_ns + _COMES_NS
         if self._phase is _P.TAKING_OFF and self._asked is Request.TAKEOFF:
@@ -366,7 +367,8 @@ class Sequencer(Peer):
             self._landing = self._flown_out = True
             self._ask(Request.LAND)
             if self._plan() is not None:  # in a recording others ask
-                self._land_until_ns, self._land_repeated = self._heard_ns + self._reply_ns(), False
+                self._land_until_ns = self._heard_ns + self._reply_ns()
+                self._land_repeated = self._land_refused_once = False
 
     def _held(self) -> None:
         if self._phase in (_P.TAKING_OFF, _P.FLYING):
@@ -390,8 +392,12 @@ class Sequencer(Peer):
     def _land_refused(self) -> None:
         if self._ending and self._phase is not _P.LANDING:  # it has landed already, or was started again
             self._ask(Request.DISARM)
-        elif self._land_until_ns is not None:
-            self._land_until_ns = self._heard_ns
+        elif self._land_until_ns is None:
+            return
+        elif self._land_repeated and not self._land_refused_once:  # it may be landing: the first was not answered
+            self._lands()
+        else:
+            self._land_until_ns, self._land_refused_once = self._heard_ns, True
 
     def _down_there(self) -> None:
         self._lands()
@@ -456,7 +462,7 @@ class Sequencer(Peer):
         if self.alive:
             self._gone_ns = None
         elif self._gone_ns is None:
-            self._gone_ns = t_ns + _GONE_NS
+            self._gone_ns = t_ns + GONE_NS
         elif t_ns >= self._gone_ns and self._phase in _IN_FLIGHT:
             self._fail("its sequencer is gone")
 
@@ -476,9 +482,9 @@ class Sequencer(Peer):
         if plan is None:
             return None
         if self._phase is _P.LANDING:
-            return self._limits.land_limit_ns
+            return _SLOWER * self._limits.land_limit_ns
         if self._phase is _P.FLYING or (self._phase is _P.TAKING_OFF and self._asked is Request.TAKEOFF):
-            return max(_LEAST_FLIGHT_NS, round((plan.mission.estimated_duration_s or 0.0) * _S))
+            return max(_LEAST_FLIGHT_NS, _SLOWER * round((plan.mission.estimated_duration_s or 0.0) * _S))
         return None
 
     def _status(self, t_ns: int) -> MissionStatus:

@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tupl
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
-from amaze_autonomy.engine.events import EngineStarted, Event
+from amaze_autonomy.engine.events import EngineStarted, Event, Shutdown
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.laws import LAWS, Broken, Judge, Judged
@@ -102,7 +102,8 @@ def compare(journal: Journal, rules: Optional[Rules] = None, progress: Optional[
         if progress is not None and number % 256 == 0:
             progress(number)
     # By the rules that flew, what the last event lacks was decided and not written: the process was killed between.
-    truncated = journal.truncated or (rules is None and bool(run.expected))
+    ended = run.event is None or isinstance(run.event.payload, Shutdown) or run.first is not None
+    truncated = journal.truncated or (rules is None and bool(run.expected) and not ended)
     if not truncated:
         _missing(run)
     return Comparison(run.events, run.decisions, run.differences, run.first, run.start_ns, run.state, truncated)

@@ -227,7 +227,7 @@ def comparison_lines(comparison: Comparison) -> List[str]:
     if not comparison.events:
         lines.append("There is no event in the journal: nothing was compared.")
     if comparison.truncated:
-        lines.append("The journal is cut off: the process was killed while it wrote. All whole lines were compared.")
+        lines.append("The journal is cut off (the process was killed), or its last event is decided otherwise now.")
     if comparison.first is not None:
         lines += _difference_lines(comparison.first, comparison.start_ns)
     return lines

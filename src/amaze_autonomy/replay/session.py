@@ -303,12 +303,14 @@ class Session:
         """Say which lines of the flight's journal are lost, of a part of a recording those that matter to it."""
         start_ns, end_ns = self._recordings.start_ns, self._recordings.end_ns
         topic = self._plan.topic_map.statuses["journal"]
-        for lost in log.lost:
-            if lost.from_ns <= end_ns and (self._log is not None or lost.to_ns >= start_ns):
+        led = self._log is not None
+        within = [lost for lost in log.lost if led or lost.from_ns < lost.to_ns]  # else before all that is recorded
+        for lost in within:
+            if lost.from_ns <= end_ns and (led or lost.to_ns >= start_ns):
                 from_s, to_s = ((t_ns - start_ns) / _S for t_ns in (lost.from_ns, lost.to_ns))
                 words = f"{lost.words}, {from_s:+.3f} s to {to_s:+.3f} s: what was asked and decided there is unknown"
                 self._recordings.tell(f"{topic}: {words}")
-        if not log.leads and not self._recordings.from_ns:
+        if within and not log.leads and not self._recordings.from_ns:
             self._recordings.tell(f"{topic}: no line of it selects a mission, what was asked is scripted")
 
     def _label(self) -> str:

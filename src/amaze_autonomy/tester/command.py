@@ -326,10 +326,15 @@ def _check_outputs(options: argparse.Namespace) -> None:
             (out / "journal.jsonl", _is_journal_of_replay),
             *((page, _is_page_of_replay) for page in pages),
         ]:
-            if path.exists() and not own(path):
+            if _is_filled(path) and not own(path):
                 raise ReplayError(f"{path}: is not of a replay, {_REPLACED} folder")
-    if options.html is not None and options.html.exists() and not _is_page_of_replay(options.html):
+    if options.html is not None and _is_filled(options.html) and not _is_page_of_replay(options.html):
         raise ReplayError(f"{options.html}: is not of a replay, {_REPLACED} file")
+
+
+def _is_filled(path: Path) -> bool:
+    """Tell whether there is anything to lose in a place."""
+    return path.exists() and (not path.is_file() or path.stat().st_size > 0)
 
 
 def _holds(folder: Path, bag: Path) -> bool:
@@ -398,7 +403,7 @@ def _given_rules(options: argparse.Namespace) -> Optional[Rules]:
 def _journal(options: argparse.Namespace) -> int:
     if options.html is not None:
         need_plots()
-        if options.html.exists() and not is_document(options.html):
+        if _is_filled(options.html) and not is_document(options.html):
             raise ReplayError(f"{options.html}: is no page, {_REPLACED} file")
     rules = _given_rules(options)
     journals = read_journals(options.file, options.topic, options.memory)

@@ -302,13 +302,14 @@ def _fetch_bags(case: Case, url: str) -> None:
     for bag in case.bags:
         if folder not in bag.path.parents:
             continue
+        if _is_kept(bag.path, bag.sha256):
+            continue
         inside = bag.path.relative_to(folder)
         place = bag.path.parent.resolve()  # of a bag that is a link the link itself is replaced
         if ".." in inside.parts or folder.resolve() not in (place, *place.parents):
             words = "leads out of the folder of bags that are fetched"
             raise ReplayError(f"{bag.path}: {words}; name a bag below ${{{VARIABLE}}}, without ..")
-        if not _is_kept(bag.path, bag.sha256):
-            _fetch(f"{url.rstrip('/')}/{inside.as_posix()}", bag.path, bag.sha256)
+        _fetch(f"{url.rstrip('/')}/{inside.as_posix()}", bag.path, bag.sha256)
 
 
 def _is_kept(path: Path, sha256: str) -> bool:

@@ -264,6 +264,8 @@ def spread(
             shown += 1
 
     _in_a_pool(work, given, min(jobs, len(given)), range(len(given)) if order is None else order, keep)
+    if len(made) < len(given) and jobs > 1:  # with room for each, before each has a process of its own
+        _in_a_pool(work, given, jobs // 2, [number for number in range(len(given)) if number not in made], keep)
     for number, each in enumerate(given):
         if number not in made:
             _in_a_pool(work, given, 1, [number], keep)
