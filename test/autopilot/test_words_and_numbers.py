@@ -119,6 +119,27 @@ def test_of_two_packs_the_worse_counts_and_an_unknown_one_most():
     assert battery.reading().fraction is None
 
 
+def test_a_monitor_of_volts_alone_is_no_pack_while_another_one_tells_its_level():
+    """Of a rail of the avionics: an ArduPilot has nine monitors."""
+    battery = Battery(CAPS)
+    rail = pack(-1, (5000,), number=4, current=-1)
+    battery.add_pack(0, rail)
+    assert battery.reading()[:3] == (0, None, 5.0), "alone it may be one"
+    battery.add_pack(S, pack(90, (16000,)))
+    assert battery.reading()[:3] == (S, 0.9, 16.0)
+    battery.add_pack(2 * S, pack(-1, (5000,), number=4, current=-1, state=3))
+    assert battery.critical
+    assert battery.reading().fraction is None, "and one that says that it is critical is"
+
+
+def test_packs_that_are_told_in_turn_are_not_silent_meanwhile():
+    battery = Battery(CAPS)
+    for number in range(9):
+        battery.add_pack(0, pack(90, number=number))
+    assert battery.silent(9 * S) == ()
+    assert len(battery.silent(9 * S + 1)) == 9
+
+
 def test_without_packs_sys_status_counts():
     battery = Battery(CAPS, cells=4)
     battery.add_system(0, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15200, -1, 70, 0, 0, 0, 0, 0, 0))

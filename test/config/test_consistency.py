@@ -7,6 +7,7 @@ import pytest
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.config.consistency import contradictions, unnamed_topics, unrecorded_topics
 from amaze_autonomy.monitoring.specs import RestartPolicy
+from amaze_autonomy.paths import config_folder
 
 
 def test_a_restart_must_end_before_the_fix_is_given_up(mistake, small_file):
@@ -376,6 +377,15 @@ def test_what_files_do_not_mean_together_is_said(small, limit, group, overrides,
     recording = (small / "recording.yaml").read_text().replace("[/camera/image]", group)
     (small / "recording.yaml").write_text(recording)
     assert contradictions(load_configuration(small, overrides).effective) == expected
+
+
+@pytest.mark.parametrize("home_tolerance_m, says", [(2.4, True), (2.5, False)])
+def test_a_second_takeoff_that_may_be_refused_for_a_good_landing_is_said(home_tolerance_m, says):
+    overrides = [f"missions.planner.home_tolerance_m={home_tolerance_m}"]
+    lines = contradictions(load_configuration(config_folder(), overrides).effective)
+    found = [line for line in lines if "home_tolerance_m is 2.4, and mission 2 takes off more than once" in line]
+    assert bool(found) is says
+    assert bool(lines) is says, "what ships means what it says"
 
 
 MAVROS = """\

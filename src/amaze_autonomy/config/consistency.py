@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, NoReturn, Optional, Tuple
 
 from ..engine.rules import SEVERITIES, Action, Severity
-from ..missions import Controller, FlightModel, climb_s
+from ..missions import Controller, FlightModel, Frame, climb_s
 from ..monitoring.restart import why_kept
 from .kinds import Address, Places
 from .schema import refuse_at
@@ -225,6 +225,7 @@ _MOST_PERIODS = 100
 _ALIKE = 0.85
 _MAVROS = re.compile(r"(.*/mavros)/.+")
 _SHOWN = 7
+_LANDING_M = 2.0  # so far beside the last waypoint a good landing may end
 
 
 def contradictions(effective: Mapping[str, Any]) -> List[str]:
@@ -244,6 +245,7 @@ def contradictions(effective: Mapping[str, Any]) -> List[str]:
         *_misspelled(sensors, recording),
         *_mavros_elsewhere(effective["autopilot"], sensors, recording),
         *_loaded_too_soon(effective["autonomy"]),
+        *_loaded_nowhere(effective["missions"]),
     ]
 
 
@@ -332,6 +334,24 @@ def _loaded_too_soon(autonomy: Mapping[str, Any]) -> Iterator[str]:
                 f"takeoff.load_limit_s ({limit_s:g}) is not above {key} ({reply_s:g}): the checks are asked again "
                 "while the mission is loaded, and one that takes its time ends the takeoff"
             )
+
+
+def _loaded_nowhere(missions: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a line where a later file may be refused for a landing that is as good as others are."""
+    planner = missions["planner"]
+    tolerance_m, needed_m = planner["home_tolerance_m"], planner["acceptance_radius_m"] + _LANDING_M
+    several = [name for name, each in missions["missions"].items() if _takes_off_again(each)]
+    if several and tolerance_m < needed_m:
+        yield (
+            f"missions.yaml: planner.home_tolerance_m is {tolerance_m:g}, and mission {several[0]} takes off more than "
+            "once: a later file is loaded only so near to where the one before ends, and a landing may be "
+            f"{needed_m:g} m off"
+        )
+
+
+def _takes_off_again(mission: Mapping[str, Any]) -> bool:
+    flights = (len(mission["files"]) if mission["touchdown_between_files"] else 1) * mission["repetitions"]
+    return bool(flights > 1 and mission["frame"] != Frame.START_HEADING.value)
 
 
 def _reply_limits(autonomy: Mapping[str, Any]) -> Iterator[Tuple[str, float]]:

@@ -6,7 +6,8 @@ LOW or worse caps the fraction. PX4 writes the voltage of the whole pack into th
 Of several packs the worst counts, and the age of the oldest. A pack that was heard once and is silent keeps what it
 said, which so grows old: its level is unknown, and a critical state stays critical. It is forgotten when it was
 unplugged: silent while the vehicle is disarmed. One that fell silent in flight has failed, and is kept until the
-autopilot restarts.
+autopilot restarts. A monitor of volts alone, of a rail of the avionics say, is no pack while another one tells its
+level: it has never told a level, a current, or a state that is bad.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ..link.dialect import mavlink
 _UNKNOWN_MV = 65535
 _PACK_MV = 6000  # no single cell has so much
 _FRESH_NS = 5_000_000_000
+_TURN_NS = 1_000_000_000  # for each pack: an ArduPilot tells of one after the other, one a message
 _UNPLUGGED_NS = 30_000_000_000
 _MOST_BATTERIES = 16  # an ArduPilot has 9 monitors, or more
 
@@ -73,6 +75,7 @@ class Battery:
         self._system: Optional[BatteryReading] = None
         self._packs: Dict[int, BatteryReading] = {}
         self._lost: Set[int] = set()  # fell silent in flight
+        self._judged: Set[int] = set()  # have told a level, a current or a bad state
         self._disarmed = False
 
     def watch(self, t_ns: int, *, armed: bool, disarmed: bool) -> None:
@@ -115,12 +118,16 @@ class Battery:
         current = None if message.current_battery < 0 else message.current_battery / 100
         self._packs[message.id] = BatteryReading(t_ns, fraction, volts, cell or self._per_cell(volts), current, state)
         self._lost.discard(message.id)
+        if fraction is not None or current is not None or LOW <= state < CHARGING:
+            self._judged.add(message.id)
 
     def reading(self) -> Optional[BatteryReading]:
         """Return the worst pack, as old as the oldest, else what SYS_STATUS said; None: nothing was ever said."""
         if not self._packs:
             return self._system
-        packs = [self._packs[number] for number in sorted(self._packs)]
+        judged = [self._packs[number] for number in sorted(self._judged & set(self._packs))]
+        told = any(pack.fraction is not None for pack in judged)
+        packs = judged if told else [self._packs[number] for number in sorted(self._packs)]
         worst = min(packs, key=_badness)._replace(t_ns=min(pack.t_ns for pack in packs))
         return worst if worst.voltage_v is not None or self._system is None else _with_voltage(worst, self._system)
 
@@ -131,7 +138,8 @@ class Battery:
 
     def silent(self, t_ns: int) -> Tuple[int, ...]:
         """Return the numbers of the packs that were heard once and are silent."""
-        return tuple(number for number in sorted(self._packs) if t_ns - self._packs[number].t_ns > _FRESH_NS)
+        fresh_ns = max(_FRESH_NS, _TURN_NS * len(self._packs))
+        return tuple(number for number in sorted(self._packs) if t_ns - self._packs[number].t_ns > fresh_ns)
 
     def _charge_state(self, message: Any) -> int:
         """Return the charge state of a pack; where none is told any more, in flight, what was bad stays so."""

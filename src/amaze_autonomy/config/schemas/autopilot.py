@@ -190,7 +190,7 @@ _LINK_ROWS: Tuple[Row, ...] = (
     ("url", Text('a connection URL of a host and a port, or of a device: "udpin:127.0.0.1:14540", "serial:/dev/ttyACM0:921600"', _URL.pattern), "where the vehicle is", "as MAVLink people write it; docs/autopilot.md"),
     ("system_id", Whole(1, 255), "own system id", "by convention that of the vehicle"),
     ("component_id", Whole(1, 255), "own component id", "another for each node that speaks on a link"),
-    ("vehicle_id", Whole(1, 255), "system id of the vehicle, the same in both links", "several vehicles may share a radio: the one that is checked is the one that flies"),
+    ("vehicle_id", Whole(0, 255), "system id of the vehicle, the same in both links", "several vehicles may share a radio: the one that is checked is the one that flies"),
     ("key_file", Text("a file", r"[^\x00-\x1f\x7f]*"), "with the key for signing; empty: nothing is signed or verified", "chmod 600; the time stamp of signatures is kept beside it"),
     ("ground_station", Flag(), "announce itself as a ground station", "PX4 withholds its texts on a link where it hears none, but then also misses no lost ground station"),
 )
@@ -354,6 +354,10 @@ def _check_links(values: Mapping[str, Any], places: Places) -> None:
     """
     link, planner = values["link"], values["planner_link"]
     _check_urls(values, places)
+    for name, own in (("link", link), ("planner_link", planner)):
+        if own["vehicle_id"] == 0:
+            right = "must be the vehicle's own: two nodes that take the first one they hear may take two"
+            refuse_at((name, "vehicle_id"), places, "is 0", right)
     names = ("system_id", "component_id")
     if all(planner[name] == link[name] for name in names):
         right = "must be another one: each node that speaks has its own"
@@ -435,7 +439,8 @@ def _check_rates(values: Mapping[str, Any], places: Places) -> None:
 
 def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings:
     """Return the settings of the values of autopilot.yaml."""
-    _check_links(values, places)
+    if values["backend"] == "mavlink":  # behind mavros there are no links of ours
+        _check_links(values, places)
     _check_commands(values, places)
     _check_rates(values, places)
 
