@@ -486,6 +486,54 @@ def test_fly_here_of_a_ground_station_stands_in_a_flight_by_a_mission_of_the_aut
     assert (found.since(chosen_ns), found.craft.mode) == ([], "OFFBOARD")
 
 
+OTHER_WAY = {"line": "OFFBOARD", "inside": MISSION}
+
+
+@EACH
+@BOTH
+@pytest.mark.parametrize("action, phase", [(A.HOLD, P.HOLDING), (A.RESUME, P.FLYING)], ids=["hold", "resume"])
+def test_one_message_that_says_another_way_to_fly_neither_refuses_nor_ends_a_hold_or_resume(
+    mission, kind, action, phase
+):
+    """The engine lands where its HOLD or RESUME is refused."""
+    for asked_before in (False, True):
+        found = flying(mission, kind)
+        lies = Liar(found.planner, copter=kind is ARDUPILOT)
+        if action is A.RESUME:
+            assert found.command(A.HOLD) == ""
+            found.until_phase(P.HOLDING)
+        found.run(2 * S)
+        if asked_before:
+            assert found.command(action) == ""
+        found.channel.ours(lies.datagram(found.t_ns, ("mode", OTHER_WAY[mission])))
+        assert found.planner.watch.mode == OTHER_WAY[mission]
+        assert asked_before or found.command(action) == ""
+        found.until_phase(phase, limit_ns=4 * S)
+        found.run(2 * S)
+        assert (found.phase, found.status.message) == (phase, "")
+
+
+@pytest.mark.parametrize(
+    "mission, kind",
+    [("inside", PX4), ("inside", ARDUPILOT), ("line", ARDUPILOT)],  # a PX4 leaves OFFBOARD without set-points
+    ids=["px4 by set-points", "ardupilot by set-points", "ardupilot by a mission"],
+)
+@pytest.mark.parametrize("action", [A.HOLD, A.RESUME], ids=["hold", "resume"])
+def test_at_the_first_sign_of_another_way_to_fly_a_hold_or_resume_waits_and_then_fails(mission, kind, action):
+    found, other = flying(mission, kind), OTHER_WAY[mission]
+    assert found.command(A.HOLD) == ""
+    found.until_phase(P.HOLDING)
+    found.run(2 * S)
+    found.craft.command_mode(other)
+    found.until(lambda: found.planner.watch.mode == other, 2 * S)
+    told_ns, words = found.t_ns, f"somebody else has chosen the flight mode (mode {other})"
+    assert found.command(action) == ""
+    found.run(1500 * MS)
+    assert (found.status.message, found.command(action)) == (words, words)
+    found.run(2 * S)
+    assert (found.since(told_ns), found.craft.mode) == ([], other)
+
+
 def test_whose_a_mode_is_that_nobody_here_commanded_is_asked_for_at_once():
     """A PX4 beats at 1 Hz: till then it seems to be a pilot's, and a planner that is told to end left the vehicle."""
     found = flying("inside")

@@ -83,6 +83,11 @@ class FlightRecord:
         steered = self._flown and self.airborne and self._watch.armed and self._watch.mode == other
         return f"somebody else has chosen the flight mode (mode {self._watch.mode})" if steered else ""
 
+    @property
+    def agreed_steered_by_others(self) -> str:
+        """The same, once messages agree on that mode: until then nothing is sent, and nothing is refused or ended."""
+        return self.steered_by_others if self._watch.keeps_mode else ""
+
     def goes_on(self) -> bool:
         """Return whether a flight that was over goes on: it is armed in the air, where nobody arms a vehicle."""
         watch, armed_ns = self._watch, self._watch.ground.armed_ns

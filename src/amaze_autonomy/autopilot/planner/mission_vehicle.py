@@ -77,6 +77,7 @@ class VehicleWatch:
         self.control, self.ground = Control(), Ground(self.limits.flight_end_confirm_ns)
         self._aloft, self._lifted, self._landing = Agreement(), Agreement(), Agreement()
         self._others, self._in_land, self._off_setpoints = Agreement(), Agreement(), Agreement()
+        self._same_mode = Agreement()
         self.autopilot = int(mavlink.MAV_AUTOPILOT_PX4)
         self.target: Tuple[int, int] = (0, 0)
         self.heartbeat_ns: Optional[int] = None
@@ -208,6 +209,11 @@ class VehicleWatch:
         return self._off_setpoints.lasts(self.limits.pilot_confirm_ns)
 
     @property
+    def keeps_mode(self) -> bool:
+        """True while messages agree on the mode that it is in."""
+        return self._same_mode.lasts(self.limits.pilot_confirm_ns)
+
+    @property
     def dialect(self) -> Dialect:
         """How it speaks the mission protocol."""
         ardupilot = self.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -245,6 +251,9 @@ class VehicleWatch:
         self._take_mode(t_ns, beat.mode)
 
     def _take_mode(self, t_ns: int, mode: str) -> None:
+        if mode != self.mode:
+            self._same_mode.add(t_ns, so=False)
+        self._same_mode.add(t_ns, so=True)
         self.mode, self.mode_ns = mode, t_ns
         self._others.add(t_ns, so=self.control.pilot or self.control.acts_alone)
         self._in_land.add(t_ns, so=mode == LAND)

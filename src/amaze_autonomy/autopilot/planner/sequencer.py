@@ -263,7 +263,7 @@ class Sequencer:
             landing=self._landing,
             other=self._other if t_ns - self._other_ns < _OTHER_NS else "",
             restarts=bool(self.watch.restarts) and self._controller is Controller.MISSION,
-            steered=self._flight.steered_by_others,
+            steered=self._flight.agreed_steered_by_others,
             begun_anew=frame_begun_anew(self._origin, self.watch, self._wall()) if offboard else "",
         )
 
@@ -457,9 +457,11 @@ class Sequencer:
             return []  # not silent: not read yet
         self._verify()
         self._give_up_late_takeoff(procedure)
-        if not lands and self._flight.steered_by_others and not self.watch.control.unexplained:
-            procedure.fail(self._flight.steered_by_others)
-        sends = self._attention.lands(t_ns, self.watch.mode_ns) if lands else self._knows_the_vehicle
+        flight = self._flight
+        if not lands and flight.agreed_steered_by_others and not self.watch.control.unexplained:
+            procedure.fail(flight.agreed_steered_by_others)
+        commands = self._knows_the_vehicle and not flight.steered_by_others
+        sends = self._attention.lands(t_ns, self.watch.mode_ns) if lands else commands
         sent = procedure.wake(t_ns, sends=sends)
         if sent and procedure.action not in _LANDINGS:
             self._commanded_ns = t_ns
@@ -622,7 +624,7 @@ class Standing(NamedTuple):
         landing: why the vehicle is landed, whatever else is asked for, in words; empty: it is not.
         other: what the autopilot node commands; empty: nothing.
         restarts: its mission would begin anew after a hold.
-        steered: who has chosen the mode that it flies in, in words; empty: this planner.
+        steered: who has chosen the mode that it flies in, as messages agree, in words; empty: this planner.
         begun_anew: why its local frame is not the one of the origin any more, in words; empty: it is, or not needed.
     """
 
