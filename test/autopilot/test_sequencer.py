@@ -11,6 +11,7 @@ from flying import ARDUPILOT, BACK, LINE, MS, PLANS, PX4, Flying, S, plan
 from mission_channel import good
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
+from amaze_autonomy.autopilot.link.state_files import origin_from, origin_to
 from amaze_autonomy.autopilot.planner.loading import LoadRequest, climb_of, takeoff_item_m
 from amaze_autonomy.autopilot.planner.mission_upload import Dialect
 from amaze_autonomy.autopilot.planner.mission_vehicle import AIRBORNE, VehicleWatch
@@ -20,6 +21,7 @@ from amaze_autonomy.engine.events import MissionPhase, MissionStatus, UserComman
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.missions import Controller, Frame, Home, Trajectory, Waypoint
+from amaze_autonomy.simulation.px4 import Px4Settings
 
 P, A = MissionPhase, MissionAction
 WHOLE = [P.IDLE, P.LOADED, P.TAKING_OFF, P.FLYING, P.LANDING, P.LANDED]
@@ -595,6 +597,55 @@ def test_by_set_points_an_autopilot_that_was_started_again_after_the_load_does_n
     flying.take_off("inside")
     flying.until_phase(P.LANDED)
     assert near(flying, *WHERE_IT_LANDS)
+
+
+def slowed(flying, real_time_factor):
+    """Have the vehicle's clock run slower than ours from now on, as a simulator's does on a busy computer."""
+    wake, slowed_ns = flying.vehicle.wake, flying.t_ns
+
+    def slow(t_ns):
+        messages = wake(t_ns)
+        for message in messages:
+            if message.get_type() == "LOCAL_POSITION_NED":
+                message.time_boot_ms -= round((t_ns - slowed_ns) * (1.0 - real_time_factor)) // MS
+        return messages
+
+    flying.vehicle.wake = slow
+
+
+@pytest.mark.parametrize("real_time_factor", [0.5, 0.95, 1.5])
+def test_by_set_points_a_simulator_that_does_not_run_in_real_time_was_not_started_again(real_time_factor):
+    flying = Flying()
+    slowed(flying, real_time_factor)
+    assert flying.load("inside twice").accepted
+    flying.run(120 * S)
+    assert flying.command(A.TAKEOFF) == ""
+    flying.until_phase(P.LANDED)
+    flying.run(120 * S)
+    flying.take_off("inside twice", 1)
+
+
+@pytest.mark.parametrize("off_s", [1, 15])
+def test_an_autopilot_that_was_started_again_soon_after_it_was_switched_on_is_found_out_after_a_longer_silence(off_s):
+    """When it is heard again, it is on for longer than it was before."""
+    flying = Flying(settings=Px4Settings(boot_ns=0))
+    assert flying.load("inside").accepted
+    flying.channel.fate = lambda: ()
+    flying.run(off_s * S)
+    flying.vehicle.px4._start_ns = flying.t_ns
+    silent(flying, 10 * S)
+    assert flying.command(A.TAKEOFF) == "load it again: the autopilot was started again"
+
+
+def test_an_origin_that_another_planner_found_counts_while_the_time_at_which_it_was_switched_on_is_the_same():
+    flying = Flying()
+    flying.take_off("inside twice")
+    flying.until_phase(P.LANDED)
+    kept = origin_from(origin_to(flying.planner._origin))
+    for later_s, reason in ((4, ""), (6, "the autopilot was started again since the session's first takeoff")):
+        flying.planner._origin = replace(kept, boot_ns=kept.boot_ns - later_s * S)
+        loading = flying.load("inside twice", 1)
+        assert (loading.accepted, loading.reason[: len(reason)]) == (not reason, reason)
 
 
 def behind_mavros() -> Flying:

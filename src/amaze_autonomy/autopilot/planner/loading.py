@@ -26,7 +26,7 @@ _WAS_SILENT = "the vehicle was silent, and may have been started again"
 _ABOVE_M = 0.2  # of the height that is waited for: no vehicle hovers exactly
 #: so far below the height of a takeoff item it is done with: PX4 by NAV_MC_ALT_RAD, ArduPilot still climbing slowly
 _DONE_BELOW_M = {Dialect.PX4: 0.8, Dialect.ARDUPILOT: 0.3}
-_SAME_BOOT_NS = 5_000_000_000  # how far two readings of the same start may lie apart
+_SAME_BOOT_NS = 5_000_000_000  # how far two readings of the same start may lie apart, of two processes
 
 
 def climb_of(plan: MissionPlan, limits: Limits) -> Climb:
@@ -65,7 +65,7 @@ class Origin:
         home: on the earth; None for a flight by set-points.
         local: in the estimator's frame (ENU); None for a mission of the autopilot.
         boot_ns: wall time at which the autopilot was switched on, which made that frame; None: unknown.
-        clock_boot_ns: the same on the clock of the messages, which nobody sets; None: another process found the origin.
+        starts: how often the autopilot was seen to start again before that; None: another process found the origin.
         speaks_since_ns: end of the vehicle's last silence before it was found; None: another process found it.
     """
 
@@ -73,7 +73,7 @@ class Origin:
     home: Optional[Home] = None
     local: Optional[Tuple[float, float, float]] = None
     boot_ns: Optional[int] = None
-    clock_boot_ns: Optional[int] = field(default=None, compare=False)
+    starts: Optional[int] = field(default=None, compare=False)
     speaks_since_ns: Optional[int] = field(default=None, compare=False)
 
 
@@ -263,7 +263,7 @@ class Loading:
         if self._begins():
             boot_ns = None if watch.boot_ns is None else watch.boot_ns + wall_ns
             session, since_ns = self.request.session_id, watch.speaks_since_ns
-            self.origin = Origin(session, None, pose.position_m, boot_ns, watch.boot_ns, since_ns)
+            self.origin = Origin(session, None, pose.position_m, boot_ns, watch.starts, since_ns)
             return ""
         if self.origin is None or self.origin.local is None:
             return _NO_ORIGIN
@@ -298,9 +298,8 @@ def frame_begun_anew(origin: Optional[Origin], watch: VehicleWatch, wall_ns: int
     """
     if origin is None:
         return ""
-    before_ns, now_ns = origin.clock_boot_ns, watch.boot_ns
-    if before_ns is None:
-        before_ns, now_ns = origin.boot_ns, None if now_ns is None else now_ns + wall_ns
-    if before_ns is None or now_ns is None:
+    if origin.boot_ns is None or watch.boot_ns is None:
         return "" if origin.speaks_since_ns == watch.speaks_since_ns else _WAS_SILENT
-    return _STARTED_AGAIN if abs(now_ns - before_ns) > _SAME_BOOT_NS else ""
+    if origin.starts is not None:
+        return _STARTED_AGAIN if watch.starts != origin.starts else ""
+    return _STARTED_AGAIN if abs(watch.boot_ns + wall_ns - origin.boot_ns) > _SAME_BOOT_NS else ""

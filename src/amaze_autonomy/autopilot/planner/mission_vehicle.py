@@ -38,6 +38,7 @@ _OTHERS = {
 }
 RESTART = "MIS_RESTART"
 """Parameter of an ArduPilot: its mission begins anew whenever it enters AUTO, also where it was held."""
+_RESTART_NS = _S  # the time since it was switched on goes back by more than that only where it was started again
 _NO_ITEMS = 65535  # MISSION_CURRENT of a vehicle that has no mission
 _WARNING = mavlink.MAV_SEVERITY_WARNING
 _COMPLAINTS = 3
@@ -92,6 +93,8 @@ class VehicleWatch:
         self.landed_ns: Optional[int] = None
         self.pose: Optional[Pose] = None
         self.boot_ns: Optional[int] = None
+        self._on_ns, self._on_said_ns = 0, 0  # for how long it was on when it said so last
+        self.starts = 0  # how often it was seen to have been started again
         self.yaw_rad: Optional[float] = None
         self.yaw_ns = 0
         self.place: Optional[Place] = None
@@ -287,7 +290,18 @@ class VehicleWatch:
         if all(map(math.isfinite, values)):
             self.pose = Pose(t_ns, values[:3], values[3:])
         if message.time_boot_ms:  # through mavros it is not known
-            self.boot_ns = t_ns - message.time_boot_ms * 1_000_000
+            self._look_at_its_start(t_ns, message.time_boot_ms * 1_000_000)
+
+    def _look_at_its_start(self, t_ns: int, on_ns: int) -> None:
+        """Notice that the autopilot was started again; a simulator's clock may be faster or slower than ours.
+
+        After a silence it may be on for longer than before it: then it is on for no longer than nothing was heard.
+        """
+        passed_ns, on_passed_ns = t_ns - self._on_said_ns, on_ns - self._on_ns
+        anew = on_ns <= passed_ns and passed_ns - on_passed_ns > _RESTART_NS
+        if self.boot_ns is not None and (on_passed_ns < -_RESTART_NS or anew):
+            self.starts += 1
+        self._on_ns, self._on_said_ns, self.boot_ns = on_ns, t_ns, t_ns - on_ns
 
     def _attitude(self, t_ns: int, message: Message) -> None:
         if math.isfinite(message.yaw):
