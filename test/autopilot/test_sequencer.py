@@ -7,7 +7,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from flying import ARDUPILOT, BACK, LINE, MS, PLANS, PX4, Flying, S, plan
+from flying import ARDUPILOT, BACK, LINE, MS, PLANS, PX4, Flying, S, plan, stand_still
 from mission_channel import good
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
@@ -696,6 +696,34 @@ def test_behind_mavros_a_silence_between_two_files_ends_the_local_frame(silence_
     )
     loading = flying.load("inside twice", 1)
     assert (loading.accepted, loading.reason) == (taken, "" if taken else words)
+
+
+@pytest.mark.parametrize("stood_s", [4, 60])
+def test_behind_mavros_a_pause_of_the_planner_is_no_silence_of_the_vehicle(stood_s):
+    flying = behind_mavros()
+    assert flying.load("inside").accepted
+    stand_still(flying, stood_s * S)
+    flying.run(2 * S)
+    assert flying.command(A.TAKEOFF) == ""
+
+
+def test_behind_mavros_a_silence_after_a_pause_of_the_planner_ends_the_local_frame():
+    flying = behind_mavros()
+    assert flying.load("inside").accepted
+    stand_still(flying, 4 * S)
+    silent(flying, 4 * S)
+    assert flying.command(A.TAKEOFF).startswith("load it again: the vehicle was silent")
+
+
+@pytest.mark.parametrize("silence_s, reason", [(2, ""), (4, "load it again: the vehicle was silent")])
+def test_behind_mavros_a_silence_around_a_pause_of_the_planner_counts_without_it(silence_s, reason):
+    flying = behind_mavros()
+    assert flying.load("inside").accepted
+    flying.channel.fate = lambda: ()
+    flying.run(silence_s * S // 2)
+    stand_still(flying, 4 * S)
+    silent(flying, silence_s * S // 2)
+    assert flying.command(A.TAKEOFF)[: len(reason) or None] == reason
 
 
 def test_a_silence_of_an_autopilot_that_says_since_when_it_is_on_ends_nothing():

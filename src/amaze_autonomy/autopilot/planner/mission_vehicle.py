@@ -83,6 +83,7 @@ class VehicleWatch:
         self.target: Tuple[int, int] = (0, 0)
         self.heartbeat_ns: Optional[int] = None
         self._heard_ns = 0
+        self._stood_ns = 0  # for so long this process stood still since then: no silence of the vehicle
         self.speaks_since_ns = 0  # after its last silence
         self.mode_ns: Optional[int] = None
         self.armed: Optional[bool] = None
@@ -114,11 +115,16 @@ class VehicleWatch:
     def take(self, t_ns: int, message: Message, *, heard: bool = True) -> None:
         """Take a message of the vehicle; not heard: another one's answer in its place."""
         if heard:
-            silent = t_ns - self._heard_ns > self._silence_ns
+            silent = t_ns - self._heard_ns - self._stood_ns > self._silence_ns
             self.speaks_since_ns, self._heard_ns = t_ns if silent else self.speaks_since_ns, t_ns
+            self._stood_ns = 0
         take = _TAKES.get(message.get_type())
         if take is not None:
             take(self, t_ns, message)
+
+    def stood_still(self, duration_ns: int) -> None:
+        """Take that this process stood still: nobody knows whether the vehicle was silent meanwhile."""
+        self._stood_ns += duration_ns
 
     def known(self, t_ns: int, limit_ns: int) -> bool:
         """Return whether the vehicle speaks: it has beaten, and the last that it said is young."""

@@ -159,6 +159,7 @@ class Sequencer:
     def _look(self, t_ns: int, *, read: bool = False) -> None:
         """Notice that this process stood still."""
         stood_ns = self._attention.look(t_ns, read=read)
+        self.watch.stood_still(stood_ns)
         if stood_ns and self._procedure is not None:
             self._procedure.stood_still(stood_ns)
 
