@@ -41,7 +41,6 @@ from amaze_autonomy.laws.witness import OURS, Asked, Load, hear, see
 _PAST = 1000 * UNIT
 """Every drawn state is moved so far from time zero that ages of any length are possible."""
 _ASKED_GO = limited(require_go=True)
-_NOTHING_WAITS = (State.MISSION_INPUT, State.PILOT)
 _QUICK = limited(max_flight_time_ns=5 * UNIT)
 
 
@@ -271,7 +270,7 @@ FIELDS: Mapping[str, Draw] = {
     "step_ns": _time,
     "started_ns": _when,
     "session.mission": lambda rng, s: s.session.mission and MISSIONS[rng.choice(tuple(MISSIONS))],
-    "queue": lambda rng, s: s.queue if s.state in _NOTHING_WAITS else rng.choice(((), (MISSIONS["one"],))),
+    "queue": lambda rng, s: s.queue if s.state is State.MISSION_INPUT else rng.choice(((), (MISSIONS["one"],))),
     "session.file_index": _one(0, 1),
     "session.repetition": _one(0, 1),
     "session.result": _one(*Result),

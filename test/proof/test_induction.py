@@ -109,6 +109,7 @@ DEFECTS = {
         (State.DATA_CLEANUP, Step.NONE), forgets(effects.clean_up, "flight.active")
     ),
     "PILOT keeps the commands": entering((State.PILOT, Step.NONE), forgets(effects.pilot, "flight.commanded")),
+    "PILOT keeps the missions to come": entering((State.PILOT, Step.NONE), forgets(effects.pilot, "queue")),
     "what was said before a restart is known": takes(EngineStarted, _restart_believes),
     "a late answer leaves the others open": lambda patch: patch.setattr(
         update, "_expire_checks", _late_answers_open_others
