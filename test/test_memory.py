@@ -52,7 +52,7 @@ COMMANDS = {
     "amaze-replay corpus": ("x.scenario.yaml --no-goldens -j 1", 3, TOO_LARGE),
     "amaze-replay accept": ("x.scenario.yaml --reason because_it_is_right", 1, TOO_LARGE),
     "amaze-replay coverage": ("x.scenario.yaml", 1, TOO_LARGE),
-    "amaze-replay mutate": ("x.scenario.yaml --only no_such_row", 0, TOO_LARGE),
+    "amaze-replay mutate": ("x.scenario.yaml --only hold_again", 1, TOO_LARGE),
     "amaze-replay what-if": ("x.scenario.yaml --against autonomy.require_go=true", 4, TOO_LARGE),
     "amaze-replay sweep": ("fault.scenario.yaml --from 1 --to 2", 2, TOO_LARGE),
     "amaze-replay shrink": ("x.scenario.yaml --rule ready", 2, TOO_LARGE),

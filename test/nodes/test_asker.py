@@ -198,9 +198,9 @@ def test_a_takeoff_whose_user_has_gone_meanwhile_is_not_decided_about(world, rol
     user = world.user(role)
     world.desk.send(signal.SIGSTOP)
     user.say(word)
-    time.sleep(0.3)
+    time.sleep(0.8)
     user.end()
-    time.sleep(0.1)
+    time.sleep(0.4)
     world.desk.send(signal.SIGCONT)
     assert world.decided() == (then if role != "once" else [])  # `once` has not been let in: it had not asked yet
 

@@ -87,8 +87,8 @@ def test_a_lost_gps_is_flown_on_without_until_px4_itself_lands():
     assert [row for row in rows if row[0] > 1.2] == [
         (6.8, "MISSION", "at_takeoff_height"),
         (28.0, "PILOT", "pilot_took_over"),
-        (53.0, "DATA_CLEANUP", "acknowledged"),  # at 48.0 one status alone had said disarmed
-        (54.5, "MISSION_ENDED", "data_complete"),
+        (48.0, "DATA_CLEANUP", "acknowledged"),
+        (49.5, "MISSION_ENDED", "data_complete"),
     ]
     seen = [each for each in outcome.decisions if each.rule == "failure_continue"]
     assert [round((each.t_ns - outcome.start_ns) / 1e9, 1) for each in seen][:1] == [22.0]

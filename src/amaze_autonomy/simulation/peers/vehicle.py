@@ -206,7 +206,7 @@ class Planner(Peer):
         self._phase = MissionPhase.IDLE
         self._session = self._mission = self._message = ""
         self._file = self._repetition = 0
-        self._was_armed = False
+        self._was_armed = self._lands = False
         self._cadence = Cadence(site.settings.rates.planner_status_rate_hz)
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
@@ -240,7 +240,7 @@ class Planner(Peer):
             return problem
         self._session, self._mission = command.session_id, command.mission_id
         self._file, self._repetition = command.file_index, command.repetition
-        self._phase, self._message, self._was_armed = MissionPhase.LOADED, "", False
+        self._phase, self._message, self._was_armed, self._lands = MissionPhase.LOADED, "", False, False
         self.site.note("loaded")
         return ""
 
@@ -274,7 +274,7 @@ class Planner(Peer):
         return self.site.vehicle.resume()
 
     def _land(self) -> str:
-        problem = self.site.vehicle.land()
+        problem, self._lands = self.site.vehicle.land(), True
         if not problem and not self.site.vehicle.armed and self._phase in _IN_FLIGHT:
             self._phase = MissionPhase.LANDED  # the takeoff was cancelled before it armed
         return problem
@@ -282,6 +282,7 @@ class Planner(Peer):
     def _abort(self) -> str:
         vehicle = self.site.vehicle
         if vehicle.airborne:
+            self._lands = True
             return vehicle.land()
         problem = vehicle.disarm()
         if not problem and self._phase in _IN_FLIGHT:
@@ -300,13 +301,14 @@ class Planner(Peer):
         self._was_armed = self._was_armed or vehicle.armed
         if vehicle.finished and vehicle.mode == Mode.MISSION and not vehicle.pilot:
             vehicle.land()
+            self._lands = True
         if self._is_over(vehicle):
             self._phase = MissionPhase.LANDED
         elif not self._was_armed:
             return  # the mode is still that of the flight before
         elif vehicle.pilot:
             self._message = "the pilot has control"
-        elif vehicle.mode in LANDING_MODES:
+        elif vehicle.mode in LANDING_MODES and (self._lands or not vehicle.failsafe):  # else a failsafe lands it
             self._phase = MissionPhase.LANDING
         elif vehicle.mode == Mode.LOITER and vehicle.armed:
             self._phase = MissionPhase.HOLDING
