@@ -321,13 +321,12 @@ def _check_outputs(options: argparse.Namespace) -> None:
             if _holds(out, bag):
                 words = f"{out}: holds the recording {bag}, and a journal and a page may be its own"
                 raise ReplayError(f"{words}; name another folder with --out")
-        pages = [] if options.no_html else [out / "flight.html"]
-        for path, own in [
-            (out / "journal.jsonl", _is_journal_of_replay),
-            *((page, _is_page_of_replay) for page in pages),
-        ]:
-            if _is_filled(path) and not own(path):
-                raise ReplayError(f"{path}: is not of a replay, {_REPLACED} folder")
+        journal, page = out / "journal.jsonl", out / "flight.html"
+        others = [journal] if journal.exists() and not _is_journal_of_replay(journal) else []  # an empty one, too
+        if not options.no_html and _is_filled(page) and not _is_page_of_replay(page):
+            others.append(page)
+        for path in others:
+            raise ReplayError(f"{path}: is not of a replay, {_REPLACED} folder")
     if options.html is not None and _is_filled(options.html) and not _is_page_of_replay(options.html):
         raise ReplayError(f"{options.html}: is not of a replay, {_REPLACED} file")
 
