@@ -261,6 +261,14 @@ def test_a_log_without_the_selection_does_not_lead_and_that_is_said(tmp_path, fl
     assert "ends in DATA_CLEANUP" in last[1]
 
 
+def test_a_bag_whose_journal_begins_behind_the_selection_is_scripted_and_not_damaged(tmp_path, flown, capsys):
+    """Of a second split: what was asked before it is nothing that it could hold."""
+    (asked,) = numbers_of(flown, '"event":"MissionSelected","kind":"event"')
+    path = bag_without(tmp_path / "x.bag", flown, list(range(asked + 1)))
+    assert main(["run", str(path), "--map", "amaze_demo"]) == 0
+    assert "DAMAGED" not in capsys.readouterr().out
+
+
 def test_a_part_that_ends_before_the_lost_line_is_whole(tmp_path, flown, capsys):
     (lost,) = numbers_of(flown, '"rule":"mission_complete"')
     path = bag_without(tmp_path / "x.bag", flown, [lost])

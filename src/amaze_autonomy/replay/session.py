@@ -304,7 +304,7 @@ class Session:
         start_ns, end_ns = self._recordings.start_ns, self._recordings.end_ns
         topic = self._plan.topic_map.statuses["journal"]
         led = self._log is not None
-        within = [lost for lost in log.lost if led or lost.from_ns < lost.to_ns]  # else before all that is recorded
+        within = [lost for lost in log.lost if led or not lost.before_all]
         for lost in within:
             if lost.from_ns <= end_ns and (led or lost.to_ns >= start_ns):
                 from_s, to_s = ((t_ns - start_ns) / _S for t_ns in (lost.from_ns, lost.to_ns))

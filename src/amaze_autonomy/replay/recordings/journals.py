@@ -133,11 +133,13 @@ class Lost:
         words: which, and why.
         from_ns: they were recorded after that, in the bag's time.
         to_ns: and before that.
+        before_all: before the first line that was recorded, of a part of a recording, say.
     """
 
     words: str
     from_ns: int
     to_ns: int
+    before_all: bool = False
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,7 @@ class _Reading:
         unread: List[Tuple[int, JournalError]] = []
         for number, (t_ns, text) in sorted(run.items()):
             if number > due:
-                self._lose(Lost(f"{_lines(due, number)} missing", before_ns, t_ns))
+                self._lose(Lost(f"{_lines(due, number)} missing", before_ns, t_ns, before_all=due == 0))
             due, before_ns = number + 1, t_ns
             try:
                 line = decoder.full(text, number + 1)
