@@ -246,11 +246,9 @@ def _unusable_keys(autopilot: Any) -> Iterator[str]:
             from .autopilot.link.wire import read_key  # noqa: PLC0415
 
             try:
-                read_key(Path(link.key_file).expanduser())
+                read_key(paths.expanded(link.key_file))
             except AutopilotError as error:
                 yield f"{name}.key_file of autopilot.yaml: {error}"
-            except RuntimeError as error:  # of a user that is not there
-                yield f"{name}.key_file of autopilot.yaml: {link.key_file}: {error}"
 
 
 def _named(configuration: Any) -> Set[str]:

@@ -15,6 +15,7 @@ from amaze_autonomy.autopilot.link.state_files import origin_from, origin_to
 from amaze_autonomy.autopilot.planner.loading import LoadRequest, climb_of, takeoff_item_m
 from amaze_autonomy.autopilot.planner.mission_upload import Dialect
 from amaze_autonomy.autopilot.planner.mission_vehicle import AIRBORNE, VehicleWatch
+from amaze_autonomy.autopilot.vehicle.agreement import PowerOn
 from amaze_autonomy.engine.commands import AnswerKind, MissionAction
 from amaze_autonomy.engine.decide import ANSWERS
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, UserCommand
@@ -662,7 +663,7 @@ def behind_mavros() -> Flying:
 
     flying.vehicle.wake = timeless
     flying.run(S)
-    flying.planner.watch.boot_ns = None
+    flying.planner.watch.power_on = PowerOn()
     return flying
 
 
@@ -731,7 +732,8 @@ def test_a_silence_of_an_autopilot_that_says_since_when_it_is_on_ends_nothing():
     flying.take_off("inside twice")
     flying.until_phase(P.LANDED)
     silent(flying, 20 * S)
-    flying.take_off("inside twice", 1)
+    assert flying.load("inside twice", 1).accepted
+    assert flying.command(A.TAKEOFF) == ""
 
 
 def test_a_mission_takes_off_also_when_the_autopilot_was_started_again_after_the_load():

@@ -21,8 +21,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from amaze_autonomy.autopilot import Connection, Identity
 from amaze_autonomy.autopilot.link import ports
 from amaze_autonomy.autopilot.link.dialect import changes_flight
-from amaze_autonomy.autopilot.link.ports import make_port, parse_endpoint
+from amaze_autonomy.autopilot.link.ports import make_port
 from amaze_autonomy.autopilot.link.wire import Wire
+from amaze_autonomy.config.kinds import parse_endpoint
 
 MS = 1_000_000
 LATE_S = 0.5

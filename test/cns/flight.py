@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any, Callable, Dict, List, Tuple, Union
 
-from stand_ins import STAND_INS, namespace
+from stand_ins import ARM, DISARM, LAND, STAND_INS, TAKEOFF, namespace
 
 from amaze_autonomy.cns.peers import Call, Folder, LandingDetection, Publish, Recorder, StateEstimation, Watchdog
 from amaze_autonomy.cns.sequencer import ANYWHERE, Bounds, Sequencer
@@ -29,6 +29,8 @@ from amaze_autonomy.simulation import World
 
 S, MS = 1_000_000_000, 1_000_000
 ENDS = (State.MISSION_ENDED, State.OUTREACH)
+ENTITIES = ("mission_cam", "lrf", "px4_imu", "UWB-Tag 1", "px4_gps")
+WHOLE = [ARM, TAKEOFF, LAND, DISARM]
 _Heard = Tuple[int, str, str, Dict[str, Any]]  # when it arrives, hear or returned, key, fields
 
 
@@ -225,3 +227,9 @@ class Flight:
         self._send(self.t_ns, service.peer)
         if reply is not None:
             self._take(reply)
+
+
+def flying(flight: Flight) -> None:
+    """Let it fly its mission for a while."""
+    flight.until(lambda: flight.state.state is State.MISSION)
+    flight.run(3 * S)

@@ -7,8 +7,7 @@ from itertools import starmap
 from math import dist, radians
 
 import pytest
-from cns_folder import write_folder
-from flight import MS, Flight, S
+from flight import ENTITIES, MS, WHOLE, Flight, S, flying
 from stand_ins import (
     ABORT,
     ARM,
@@ -24,7 +23,6 @@ from stand_ins import (
     namespace,
 )
 
-from amaze_autonomy.cns.importer import import_folder
 from amaze_autonomy.cns.peers import LandingDetection, Recorder
 from amaze_autonomy.cns.peers import Watchdog as CnsWatchdog
 from amaze_autonomy.cns.sequencer import Bounds, Sequencer
@@ -36,29 +34,6 @@ from amaze_autonomy.interface.tables import Service
 from amaze_autonomy.missions import Frame, Trajectory, Waypoint
 
 P = MissionPhase
-ENTITIES = ("mission_cam", "lrf", "px4_imu", "UWB-Tag 1", "px4_gps")
-WHOLE = [ARM, TAKEOFF, LAND, DISARM]
-
-
-@pytest.fixture(scope="module")
-def configuration(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cns")
-    import_folder(write_folder(folder / "cns"), folder / "config")
-    return load_configuration(folder / "config")
-
-
-@pytest.fixture
-def make(configuration):
-    def flight(mission="1", **faults):
-        faults["watchdog"] = {"entities": ENTITIES, **faults.get("watchdog", {})}
-        return Flight(configuration, mission, **faults)
-
-    return flight
-
-
-def flying(flight):
-    flight.until(lambda: flight.state.state is State.MISSION)
-    flight.run(3 * S)
 
 
 def phases(flight):

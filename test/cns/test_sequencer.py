@@ -3,41 +3,16 @@
 from __future__ import annotations
 
 import pytest
-from cns_folder import write_folder
-from flight import MS, Flight, S
+from flight import MS, WHOLE, S, flying
 from stand_ins import ARM, DISARM, HOLD, LAND, RESUME, TAKEOFF, namespace
 
-from amaze_autonomy.cns.importer import import_folder
-from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.commands import MissionAction, MissionCommand
 from amaze_autonomy.engine.events import MissionPhase, UserCommand
 from amaze_autonomy.engine.state import Result, State
 
 P = MissionPhase
-ENTITIES = ("mission_cam", "lrf", "px4_imu", "UWB-Tag 1", "px4_gps")
-WHOLE = [ARM, TAKEOFF, LAND, DISARM]
 LATENCY_NS = 40 * MS  # of 1 to 60 ms
 HEIGHT = {"request": {"id": 1, "request": TAKEOFF}, "response": False, "completed": True}
-
-
-@pytest.fixture(scope="module")
-def configuration(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cns")
-    import_folder(write_folder(folder / "cns"), folder / "config")
-    return load_configuration(folder / "config")
-
-
-@pytest.fixture
-def make(configuration):
-    def flight(**faults):
-        return Flight(configuration, watchdog={"entities": ENTITIES}, **faults)
-
-    return flight
-
-
-def flying(flight):
-    flight.until(lambda: flight.state.state is State.MISSION)
-    flight.run(3 * S)
 
 
 def planner(flight):

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import pytest
 
-from amaze_autonomy.autopilot import EndpointError
 from amaze_autonomy.config import AutopilotSettings, LinkSettings
+from amaze_autonomy.config.errors import EndpointError
 from amaze_autonomy.nodes.vehicle.mavlink_router import arguments_of
 
 PROGRAM = "import sys; from amaze_autonomy.nodes.vehicle.mavlink_router import main; sys.exit(main())"

@@ -5,7 +5,7 @@ No ROS. `connection.py` has the one thread; all else takes times and messages an
 
 from __future__ import annotations
 
-from .errors import AutopilotError, EndpointError, KeyFileError
+from .errors import AutopilotError, KeyFileError
 from .link.connection import Client, Connection, LinkState
 from .link.peers import Identity
 from .link.wire import read_key
@@ -14,7 +14,6 @@ __all__ = [
     "AutopilotError",
     "Client",
     "Connection",
-    "EndpointError",
     "Identity",
     "KeyFileError",
     "LinkState",

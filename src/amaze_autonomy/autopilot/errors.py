@@ -1,8 +1,9 @@
 """What can be wrong with a link.
 
 AutopilotError
-  EndpointError    a connection URL is none, or names what cannot be opened
   KeyFileError     a file with the signing key cannot be used
+
+That a connection URL is none is an `EndpointError` of the configuration, which names it.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ class AutopilotError(ValueError):
     """The link cannot be made. Its text is one line: `what: what is wrong; what would be right`.
 
     Args:
-        what: the URL or the file.
+        what: the file.
         wrong: what is wrong.
         right: what would be right.
     """
@@ -20,10 +21,6 @@ class AutopilotError(ValueError):
     def __init__(self, what: str, wrong: str, right: str) -> None:
         super().__init__(f"{what}: {wrong}; {right}")
         self.what, self.wrong, self.right = what, wrong, right
-
-
-class EndpointError(AutopilotError):
-    """A connection URL is none, or names what cannot be opened."""
 
 
 class KeyFileError(AutopilotError):

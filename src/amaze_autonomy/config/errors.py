@@ -1,6 +1,7 @@
 """What can be wrong with a configuration.
 
 ConfigError        one mistake in one file: where it is, what is wrong, what would be right
+EndpointError      a connection URL is none, or names what cannot be opened
 """
 
 from __future__ import annotations
@@ -37,6 +38,20 @@ class ConfigError(ValueError):
     def __init__(self, place: Place, key: str, wrong: str, right: str) -> None:
         super().__init__(_one_line(": ".join(part for part in (str(place), key, f"{wrong}; {right}") if part)))
         self.file, self.line, self.key, self.wrong, self.right = place.source, place.line, key, wrong, right
+
+
+class EndpointError(ValueError):
+    """A connection URL is none, or names what cannot be opened: one line, as of a `ConfigError`.
+
+    Args:
+        what: the URL.
+        wrong: what is wrong.
+        right: what would be right.
+    """
+
+    def __init__(self, what: str, wrong: str, right: str) -> None:
+        super().__init__(f"{what}: {wrong}; {right}")
+        self.what, self.wrong, self.right = what, wrong, right
 
 
 def _one_line(text: str) -> str:

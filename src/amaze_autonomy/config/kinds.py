@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import abc
 import difflib
+import enum
+import ipaddress
 import math
 import re
+import termios
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Mapping, NoReturn, Optional, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, NoReturn, Optional, Tuple
 
 from .document import Entry, Items, Scalar, Table
-from .errors import ConfigError, Place
+from .errors import ConfigError, EndpointError, Place
 
 # --- units ------------------------------------------------------------------------------------------------------------
 # The unit is the last part of a key: `age_limit_s`. Which units there are, and what one is in another.
@@ -328,3 +332,119 @@ class ListOf(Kind):
                 refuse(item, here, f"{value!r} is listed twice", "must be listed once")
             values.append(value)
         return values
+
+
+# --- endpoints --------------------------------------------------------------------------------------------------------
+# Connection URLs as MAVLink people write them.
+#
+# serial:/dev/ttyACM0:921600   a serial device and its baud rate
+# udpin:127.0.0.1:14540        wait there for the vehicle, answer where it speaks from (udp: means the same)
+# udpout:192.168.1.2:14550     speak there first
+# tcp:127.0.0.1:5760           connect there
+# tcpin:127.0.0.1:5760         wait there for one peer
+
+
+_DEFAULT_BAUD = 57600
+_LAST_PORT = 65535
+_DEVICE = r"/[^\x00-\x20\x7f]*[^\x00-\x20\x7f:/]"
+_HOST = r"\[[0-9A-Fa-f:.]+\]|[^\x00-\x20\x7f/\[\]]+"
+_FORMS = "serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or tcpin:HOST:PORT"
+_EVERY_ADDRESS = ("0.0.0.0", "::")  # noqa: S104 - compared, never bound
+
+
+class EndpointKind(enum.Enum):
+    """How bytes reach the peer."""
+
+    SERIAL = "serial"
+    UDP_IN = "udpin"
+    UDP_OUT = "udpout"
+    TCP = "tcp"
+    TCP_IN = "tcpin"
+
+
+_KINDS: Mapping[str, EndpointKind] = {**{kind.value: kind for kind in EndpointKind}, "udp": EndpointKind.UDP_IN}
+_OWNED = (EndpointKind.SERIAL, EndpointKind.UDP_IN, EndpointKind.TCP_IN)  # what one process alone can have
+
+
+class Endpoint(NamedTuple):
+    """Where the other end of a link is.
+
+    Args:
+        kind: how bytes reach it.
+        address: host or device.
+        number: port or baud rate.
+    """
+
+    kind: EndpointKind
+    address: str
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.kind.value}:{self.address}:{self.number}"
+
+    def excludes(self, other: Endpoint) -> bool:
+        """Return whether two processes cannot have both at once, however they are written; names are not looked up."""
+        if self.kind is not other.kind or self.kind not in _OWNED:
+            return False
+        if self.kind is EndpointKind.SERIAL:
+            return re.sub("/+", "/", self.address) == re.sub("/+", "/", other.address)
+        addresses = {_numeric(self.address), _numeric(other.address)}
+        return self.number == other.number and (len(addresses) == 1 or not addresses.isdisjoint(_EVERY_ADDRESS))
+
+
+def _numeric(host: str) -> str:
+    """Return an address in its shortest form; a name as it is."""
+    host = "127.0.0.1" if host.lower() == "localhost" else host.lower()
+    with suppress(ValueError):
+        host = str(ipaddress.ip_address(host))
+    return host
+
+
+def parse_endpoint(url: str) -> Endpoint:
+    """Return what a connection URL names.
+
+    Raises:
+        EndpointError: It is none, or names a baud rate that this system does not have.
+    """
+    found = re.fullmatch(r"([a-z]+):(?://)?(.+)", url.strip())
+    if found is None or found.group(1) not in _KINDS:
+        raise EndpointError(repr(url), "is no connection URL", f"must be {_FORMS}")
+    kind, rest = _KINDS[found.group(1)], found.group(2)
+    if kind is EndpointKind.SERIAL:
+        return _serial(url, rest)
+    address, _, number = rest.rpartition(":")
+    port = int(number) if number.isascii() and number.isdecimal() else 0
+    if re.fullmatch(_HOST, address) is None or not 0 < port <= _LAST_PORT:
+        raise EndpointError(repr(url), "names no host and port", f"must be {kind.value}:HOST:PORT, PORT 1 to 65535")
+    return Endpoint(kind, address.strip("[]"), port)
+
+
+def _serial(url: str, rest: str) -> Endpoint:
+    """Return a device and its baud rate; the stable names of /dev/serial/by-path have colons in them themselves."""
+    device, colon, tail = rest.rpartition(":")
+    has_baud = tail.isascii() and tail.isdecimal()
+    if not colon or (not has_baud and re.match(r"[0-9]", tail)):
+        device, tail, has_baud = rest, str(_DEFAULT_BAUD), True
+    if not re.fullmatch(_DEVICE, device) or not has_baud or not int(tail):
+        raise EndpointError(repr(url), "names no device and baud rate", "must be serial:/dev/ttyACM0:921600 or alike")
+    if not hasattr(termios, f"B{int(tail)}"):
+        right = "must be one that this system has; 57600, 115200 and 921600 are usual"
+        raise EndpointError(repr(url), "names no baud rate of this system", right)
+    return Endpoint(EndpointKind.SERIAL, device, int(tail))
+
+
+@dataclass(frozen=True)
+class Url(Text):
+    """A connection URL."""
+
+    said: str = 'a connection URL, e.g. "udpin:127.0.0.1:14540" or "serial:/dev/ttyACM0:921600"'
+    pattern: str = r"[^\x00-\x20\x7f]+"
+
+    def read(self, entry: Entry, address: Address, places: Places) -> str:
+        """Return the URL as a text."""
+        text = super().read(entry, address, places)
+        try:
+            parse_endpoint(text)
+        except EndpointError as error:
+            refuse(entry, address, f"is the text {text!r}, which {error.wrong}", error.right)
+        return text

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Protocol, Sequence, Set, Tuple
 
 from amaze_autonomy import paths
-from amaze_autonomy.autopilot.errors import EndpointError
-from amaze_autonomy.autopilot.link.ports import Endpoint, EndpointKind, parse_endpoint
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError, load_configuration
+from amaze_autonomy.config.errors import EndpointError
+from amaze_autonomy.config.kinds import Endpoint, EndpointKind, parse_endpoint
 from amaze_autonomy.interface import PEERS
 from amaze_autonomy.simulation.ardupilot import AUTOPILOTS
 from amaze_autonomy.simulation.cli import scenario_file

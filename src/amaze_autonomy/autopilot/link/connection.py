@@ -13,9 +13,11 @@ import threading
 import time
 from typing import Any, Callable, Iterable, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
 
+from amaze_autonomy.config.kinds import parse_endpoint
+
 from .dialect import Message, changes_flight, mavlink
 from .peers import Identity, Peers
-from .ports import make_port, parse_endpoint, wait_readable
+from .ports import make_port, wait_readable
 from .wire import SigningKey, Stamps, Wire
 
 # --- hosting ----------------------------------------------------------------------------------------------------------

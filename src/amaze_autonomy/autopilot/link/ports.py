@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import abc
 import contextlib
-import enum
 import fcntl
 import os
-import re
 import select
 import socket
 import struct
@@ -20,84 +18,9 @@ import time
 from collections import deque
 from typing import Any, Callable, Deque, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
-from ..errors import EndpointError
+from amaze_autonomy.config.kinds import Endpoint, EndpointKind
+
 from .dialect import LATE_NS
-
-# --- endpoint ---------------------------------------------------------------------------------------------------------
-# Connection URLs as MAVLink people write them.
-#
-# serial:/dev/ttyACM0:921600   a serial device and its baud rate udpin:127.0.0.1:14540        wait there for the
-# vehicle, answer where it speaks from (udp: means the same) udpout:192.168.1.2:14550     speak there first
-# tcp:127.0.0.1:5760           connect there tcpin:127.0.0.1:5760         wait there for one peer
-
-
-_DEFAULT_BAUD = 57600
-_LAST_PORT = 65535
-_DEVICE = r"/[^\x00-\x20\x7f]*[^\x00-\x20\x7f:/]"
-_FORMS = "serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or tcpin:HOST:PORT"
-
-
-class EndpointKind(enum.Enum):
-    """How bytes reach the peer."""
-
-    SERIAL = "serial"
-    UDP_IN = "udpin"
-    UDP_OUT = "udpout"
-    TCP = "tcp"
-    TCP_IN = "tcpin"
-
-
-_KINDS: Mapping[str, EndpointKind] = {**{kind.value: kind for kind in EndpointKind}, "udp": EndpointKind.UDP_IN}
-
-
-class Endpoint(NamedTuple):
-    """Where the other end of a link is.
-
-    Args:
-        kind: how bytes reach it.
-        address: host or device.
-        number: port or baud rate.
-    """
-
-    kind: EndpointKind
-    address: str
-    number: int
-
-    def __str__(self) -> str:
-        return f"{self.kind.value}:{self.address}:{self.number}"
-
-
-def parse_endpoint(url: str) -> Endpoint:
-    """Return what a connection URL names.
-
-    Raises:
-        EndpointError: It is none.
-    """
-    found = re.fullmatch(r"([a-z]+):(?://)?(.+)", url.strip())
-    if found is None or found.group(1) not in _KINDS:
-        raise EndpointError(repr(url), "is no connection URL", f"must be {_FORMS}")
-    kind, rest = _KINDS[found.group(1)], found.group(2)
-    if kind is EndpointKind.SERIAL:
-        return _serial(url, rest)
-    address, colon, number = rest.rpartition(":")
-    if not colon or not address or not number.isdecimal() or not 0 < int(number) <= _LAST_PORT:
-        raise EndpointError(repr(url), "names no host and port", f"must be {kind.value}:HOST:PORT, PORT 1 to 65535")
-    return Endpoint(kind, address.strip("[]"), int(number))
-
-
-def _serial(url: str, rest: str) -> Endpoint:
-    """Return a device and its baud rate; the stable names of /dev/serial/by-path have colons in them themselves."""
-    device, colon, tail = rest.rpartition(":")
-    has_baud = tail.isascii() and tail.isdecimal()
-    if not colon or (not has_baud and re.match(r"[0-9]", tail)):
-        device, tail, has_baud = rest, str(_DEFAULT_BAUD), True
-    if not re.fullmatch(_DEVICE, device) or not has_baud or not int(tail):
-        raise EndpointError(repr(url), "names no device and baud rate", "must be serial:/dev/ttyACM0:921600 or alike")
-    return Endpoint(EndpointKind.SERIAL, device, int(tail))
-
-
-# --- ports ------------------------------------------------------------------------------------------------------------
-
 
 _CHUNK = 65536
 _PENDING_LIMIT = 65536
@@ -264,11 +187,7 @@ class _Serial(_Stream):
 
     def __init__(self, endpoint: Endpoint) -> None:
         super().__init__(endpoint)
-        self._speed = getattr(termios, f"B{endpoint.number}", None)
-        if self._speed is None:
-            raise EndpointError(
-                str(endpoint), "this system has no such baud rate", "57600, 115200 and 921600 are usual"
-            )
+        self._speed = getattr(termios, f"B{endpoint.number}")
 
     def write(self, data: bytes, *, flies: bool = False) -> bool:  # noqa: ARG002
         return super().write(data, flies=True)  # to give up costs nothing here: nothing at all comes late
@@ -502,11 +421,7 @@ _PORTS: Mapping[EndpointKind, Callable[[Endpoint], Port]] = {
 
 
 def make_port(endpoint: Endpoint) -> Port:
-    """Return a closed port.
-
-    Raises:
-        EndpointError: This system has no such.
-    """
+    """Return a closed port."""
     return _PORTS[endpoint.kind](endpoint)
 
 

@@ -261,9 +261,9 @@ class Loading:
             return "there is no fresh and valid local position"
         watch, wall_ns = self._readiness.watch, self._readiness.wall_ns
         if self._begins():
-            boot_ns = None if watch.boot_ns is None else watch.boot_ns + wall_ns
+            boot_ns = None if watch.power_on.since_ns is None else watch.power_on.since_ns + wall_ns
             session, since_ns = self.request.session_id, watch.speaks_since_ns
-            self.origin = Origin(session, None, pose.position_m, boot_ns, watch.starts, since_ns)
+            self.origin = Origin(session, None, pose.position_m, boot_ns, watch.power_on.starts, since_ns)
             return ""
         if self.origin is None or self.origin.local is None:
             return _NO_ORIGIN
@@ -298,8 +298,8 @@ def frame_begun_anew(origin: Optional[Origin], watch: VehicleWatch, wall_ns: int
     """
     if origin is None:
         return ""
-    if origin.boot_ns is None or watch.boot_ns is None:
+    if origin.boot_ns is None or watch.power_on.since_ns is None:
         return "" if origin.speaks_since_ns == watch.speaks_since_ns else _WAS_SILENT
     if origin.starts is not None:
-        return _STARTED_AGAIN if watch.starts != origin.starts else ""
-    return _STARTED_AGAIN if abs(watch.boot_ns + wall_ns - origin.boot_ns) > _SAME_BOOT_NS else ""
+        return _STARTED_AGAIN if watch.power_on.starts != origin.starts else ""
+    return _STARTED_AGAIN if abs(watch.power_on.since_ns + wall_ns - origin.boot_ns) > _SAME_BOOT_NS else ""

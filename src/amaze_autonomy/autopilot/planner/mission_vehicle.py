@@ -13,7 +13,7 @@ from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Place, PlannerSpec
 
 from ..link.dialect import Message, mavlink, source_of
-from ..vehicle.agreement import Agreement, Ground
+from ..vehicle.agreement import Agreement, Ground, PowerOn
 from ..vehicle.modes import LAND, Control, Heartbeat, is_foreign, is_piloted, mode_name, mode_number
 from ..vehicle.texts import Texts
 from ..vehicle.vehicle import SystemStatus
@@ -38,7 +38,6 @@ _OTHERS = {
 }
 RESTART = "MIS_RESTART"
 """Parameter of an ArduPilot: its mission begins anew whenever it enters AUTO, also where it was held."""
-_RESTART_NS = _S  # the time since it was switched on goes back by more than that only where it was started again
 _NO_ITEMS = 65535  # MISSION_CURRENT of a vehicle that has no mission
 _WARNING = mavlink.MAV_SEVERITY_WARNING
 _COMPLAINTS = 3
@@ -93,9 +92,7 @@ class VehicleWatch:
         self.landed = VehicleLanded.UNKNOWN
         self.landed_ns: Optional[int] = None
         self.pose: Optional[Pose] = None
-        self.boot_ns: Optional[int] = None
-        self._on_ns, self._on_said_ns = 0, 0  # for how long it was on when it said so last
-        self.starts = 0  # how often it was seen to have been started again
+        self.power_on = PowerOn()
         self.yaw_rad: Optional[float] = None
         self.yaw_ns = 0
         self.place: Optional[Place] = None
@@ -295,19 +292,7 @@ class VehicleWatch:
         values = (message.y, message.x, -message.z, message.vy, message.vx, -message.vz)
         if all(map(math.isfinite, values)):
             self.pose = Pose(t_ns, values[:3], values[3:])
-        if message.time_boot_ms:  # through mavros it is not known
-            self._look_at_its_start(t_ns, message.time_boot_ms * 1_000_000)
-
-    def _look_at_its_start(self, t_ns: int, on_ns: int) -> None:
-        """Notice that the autopilot was started again; a simulator's clock may be faster or slower than ours.
-
-        After a silence it may be on for longer than before it: then it is on for no longer than nothing was heard.
-        """
-        passed_ns, on_passed_ns = t_ns - self._on_said_ns, on_ns - self._on_ns
-        anew = on_ns <= passed_ns and passed_ns - on_passed_ns > _RESTART_NS
-        if self.boot_ns is not None and (on_passed_ns < -_RESTART_NS or anew):
-            self.starts += 1
-        self._on_ns, self._on_said_ns, self.boot_ns = on_ns, t_ns, t_ns - on_ns
+        self.power_on.add(t_ns, message.time_boot_ms)
 
     def _attitude(self, t_ns: int, message: Message) -> None:
         if math.isfinite(message.yaw):

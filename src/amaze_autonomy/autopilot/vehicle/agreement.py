@@ -2,7 +2,8 @@
 
 A message may be wrong, or somebody else's: one bit, one datagram. What ends our care for a flying vehicle is believed
 when messages in a row say it for a time (`flight_end_confirm_s`, `pilot_confirm_s`: rows of the engine's limits), so at
-least two of each kind; one that says otherwise begins it anew. A landing waits for none of it.
+least two of each kind; one that says otherwise begins it anew. A landing waits for none of it. What was said before the
+autopilot was started again counts nothing; `PowerOn` notices that.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ READ_NS = 50_000_000  # for so long what came by another socket may lie there, w
 UNREAD_NS = _S  # so long a landing waits for an empty socket: nobody knows what a computer that is so busy will read
 KEPT_NS, MODE_NS = _S, 6 * _S // 10  # what so long a time brings, a socket holds; a mode is said once in that time
 GROUND_NS = 700_000_000  # three of the stream's periods: older than that, ON_GROUND is no reason to disarm
+_RESTART_NS = _S  # the time since it was switched on goes back by more than that only where it was started again
 _GAP_NS = 3 * _S  # after such a silence nobody agrees with what was said before it
 
 
@@ -42,6 +44,35 @@ class Agreement:
     def is_fresh(self, t_ns: int, limit_ns: int) -> bool:
         """Return whether the last message, whatever it said, is not older than that."""
         return t_ns - self._until_ns <= limit_ns
+
+
+class PowerOn:
+    """When the autopilot was switched on, by what its messages say; the clock of a simulator may run at another pace.
+
+    Attributes:
+        since_ns: when it was; None: no message says it, as behind mavros.
+        starts: how often it was seen to have been started again.
+    """
+
+    def __init__(self) -> None:
+        self.since_ns: Optional[int] = None
+        self.starts = 0
+        self._on_ns = self._said_ns = 0
+
+    def add(self, t_ns: int, time_boot_ms: int) -> bool:
+        """Take for how long a message says that it is on; return whether it was started again. 0 says nothing.
+
+        After a silence it may be on for longer than before it: then it is on for no longer than nothing was heard.
+        """
+        if not time_boot_ms:
+            return False
+        on_ns = time_boot_ms * 1_000_000
+        passed_ns, on_passed_ns = t_ns - self._said_ns, on_ns - self._on_ns
+        anew = on_ns <= passed_ns and passed_ns - on_passed_ns > _RESTART_NS
+        again = self.since_ns is not None and (on_passed_ns < -_RESTART_NS or anew)
+        self.starts += again
+        self._on_ns, self._said_ns, self.since_ns = on_ns, t_ns, t_ns - on_ns
+        return again
 
 
 class Ground:

@@ -10,6 +10,7 @@ from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 from amaze_autonomy.config import AutopilotSettings, ConfigError
 from amaze_autonomy.config.errors import Place
+from amaze_autonomy.config.schemas.autopilot import JUDGED_RATES
 from amaze_autonomy.engine.events import Landed, VehicleLanded
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict
@@ -36,7 +37,10 @@ _BEAT_LATE_NS, _ASK_BEAT_NS = 1_300_000_000, 300_000_000  # PX4 beats at 1 Hz
 ASKED_FOR: Mapping[str, Tuple[float, str]] = {
     **{name: asked for name, asked in WANTED.items() if asked[0]},
     "SYSTEM_TIME": (1.0, "its time of day"),
-    "RC_CHANNELS": (10.0, "the switch that lands; only where `land_switch` has a channel"),
+    "RC_CHANNELS": (
+        JUDGED_RATES["RC_CHANNELS"].rate_hz,
+        "the switch that lands, where `land_switch` has a channel",
+    ),
 }
 """The messages that are asked for: at which rate, unless `rates_hz` of autopilot.yaml says another, and why."""
 CLIENT_MESSAGES: Tuple[str, ...] = (*WANTED, "COMMAND_ACK", "PARAM_VALUE", "SYSTEM_TIME")

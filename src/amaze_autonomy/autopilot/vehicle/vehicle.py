@@ -11,12 +11,13 @@ from operator import attrgetter
 from typing import Any, Deque, Dict, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.config.schemas.autopilot import JUDGED_RATES
 from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.monitoring.gravity import LastingTilt, tilt_of_rpy
 
 from ..link.dialect import Message, mavlink
-from .agreement import Agreement, Ground
+from .agreement import Agreement, Ground, PowerOn
 from .battery import Battery
 from .modes import LANDING_MODES, Control, Heartbeat, is_piloted, mode_name
 from .position import Position
@@ -29,7 +30,6 @@ _LANDED: Mapping[int, VehicleLanded] = {
     mavlink.MAV_LANDED_STATE_TAKEOFF: VehicleLanded.TAKING_OFF,
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
-_RESTART_MS = 1000
 _TELL_ITS_START = frozenset(("ATTITUDE", "LOCAL_POSITION_NED", "SYSTEM_TIME"))  # by stamps of when they were sent
 _POWERLESS_NS = 10 * _S  # as long as a vehicle is silent at least whose battery is exchanged
 _DOUBT_NS = 1_300_000_000  # of heartbeats at 1 Hz, another one has come
@@ -60,21 +60,22 @@ class _Taken(NamedTuple):
 
 _AT_ONCE_KNOWN = "a mode is known within the period: ArduPilot grants HEARTBEAT, PX4 CURRENT_MODE alone"
 _ESTIMATE = "what the estimator says of its position: PX4 the one, ArduPilot the other"
+_RATES = {name: judged.rate_hz for name, judged in JUDGED_RATES.items()}  # whose limits follow from them
 _TAKERS: Mapping[str, _Taken] = {
-    "HEARTBEAT": _Taken("_heartbeat", 5.0, _AT_ONCE_KNOWN),
+    "HEARTBEAT": _Taken("_heartbeat", _RATES["HEARTBEAT"], _AT_ONCE_KNOWN),
     "CURRENT_MODE": _Taken("_mode", 10.0, _AT_ONCE_KNOWN),
-    "EXTENDED_SYS_STATE": _Taken("_extended", 5.0, "whether it is on the ground"),
-    "SYS_STATUS": _Taken("_system", 2.0, "health of the sensors, and the battery"),
+    "EXTENDED_SYS_STATE": _Taken("_extended", _RATES["EXTENDED_SYS_STATE"], "whether it is on the ground"),
+    "SYS_STATUS": _Taken("_system", _RATES["SYS_STATUS"], "health of the sensors, and the battery"),
     "BATTERY_STATUS": _Taken("battery.add_pack", 2.0, "each battery"),
-    "GPS_RAW_INT": _Taken("_gps", 5.0, "fix and satellites; a lost one is told here first"),
-    "LOCAL_POSITION_NED": _Taken("_local", 10.0, "height, position and speed"),
-    "ESTIMATOR_STATUS": _Taken("position.add_px4_flags", 5.0, _ESTIMATE),
-    "EKF_STATUS_REPORT": _Taken("position.add_ardupilot_flags", 5.0, _ESTIMATE),
+    "GPS_RAW_INT": _Taken("_gps", _RATES["GPS_RAW_INT"], "fix and satellites; a lost one is told here first"),
+    "LOCAL_POSITION_NED": _Taken("_local", _RATES["LOCAL_POSITION_NED"], "height, position and speed"),
+    "ESTIMATOR_STATUS": _Taken("position.add_px4_flags", _RATES["ESTIMATOR_STATUS"], _ESTIMATE),
+    "EKF_STATUS_REPORT": _Taken("position.add_ardupilot_flags", _RATES["EKF_STATUS_REPORT"], _ESTIMATE),
     "HOME_POSITION": _Taken("position.add_home", 0.5, "whether there is a home to return to"),
     "GPS_GLOBAL_ORIGIN": _Taken(
         "position.add_origin", 0.5, "of ArduPilot alone: where home is that it says to be at 0, 0, 0"
     ),
-    "ATTITUDE": _Taken("_attitude", 10.0, "roll and pitch: how far it is tilted"),
+    "ATTITUDE": _Taken("_attitude", _RATES["ATTITUDE"], "roll and pitch: how far it is tilted"),
     "STATUSTEXT": _Taken("texts.add"),
     "EVENT": _Taken("_event"),
     "TIMESYNC": _Taken("offset.add"),
@@ -102,24 +103,28 @@ class VehicleState:
         self.gps = Gps(GpsLimits(settings.gps.min_fix_type, settings.gps.age_limit_ns, settings.gps.frozen_limit_ns))
         self.position = Position(settings.limits.state_age_limit_ns, settings.limits.speed_age_limit_ns)
         self.tilt = LastingTilt(settings.limits.state_age_limit_ns)
-        self.restarts = 0
+        self._power_on = PowerOn()
         self.in_doubt = False  # what is new: another heartbeat must say whether and why it is so
         self._before_doubt: Optional[Tuple[int, Told]] = None
         self._heard_ns: Optional[int] = None
         self._landed: Optional[Tuple[int, int]] = None
-        self._boot_ms: Optional[int] = None
         self._powered_ns: Optional[int] = None  # since then it beats again, and may have been without power before
         self._takers = {name: attrgetter(taken.by)(self) for name, taken in _TAKERS.items()}
 
     def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> None:
         """Take a message; of others than `WANTED` only that they came is noted, where the vehicle itself said them."""
         self._heard_ns = t_ns if heard else self._heard_ns
-        self._look_at_its_start(message)
+        self._look_at_its_start(t_ns, message)
         taker = self._takers.get(message.get_type())
         if taker is not None:
             taker(t_ns, message)
 
     # --- what it is -----------------------------------------------------------------------------------------------
+
+    @property
+    def restarts(self) -> int:
+        """How often the autopilot was seen to have been started again."""
+        return self._power_on.starts
 
     @property
     def beat(self) -> Optional[Heartbeat]:
@@ -286,7 +291,7 @@ class VehicleState:
 
         The break is as long as mavros' own limit (`conn/timeout`), after which mavros asks for the home again.
         """
-        if self._boot_ms is not None or beat.armed:
+        if self._power_on.since_ns is not None or beat.armed:
             self._powered_ns = None
         elif before is not None and t_ns - before.t_ns >= _POWERLESS_NS:
             self._powered_ns = t_ns
@@ -335,18 +340,14 @@ class VehicleState:
     def _attitude(self, t_ns: int, message: Any) -> None:
         self.tilt.add(t_ns, tilt_of_rpy(message.roll, message.pitch))
 
-    def _look_at_its_start(self, message: Any) -> None:
+    def _look_at_its_start(self, t_ns: int, message: Any) -> None:
         """Notice that the autopilot has started again by any message that tells it, since not each of them comes.
 
         Indoors, and before its GPS has a fix, an ArduPilot has no local position. Behind mavros the time is 0: unknown.
         """
-        if message.get_type() not in _TELL_ITS_START or not message.time_boot_ms:
-            return
-        if self._boot_ms is not None and message.time_boot_ms + _RESTART_MS < self._boot_ms:
-            self.restarts += 1
+        if message.get_type() in _TELL_ITS_START and self._power_on.add(t_ns, message.time_boot_ms):
             self.battery.restarted()
             self.position.forget_takeoff()
-        self._boot_ms = message.time_boot_ms
 
     def _local(self, t_ns: int, message: Any) -> None:
         agreed = self.ground.disarmed or self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import ipaddress
-import re
-import termios
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Mapping, NamedTuple, Tuple
 
 from amaze_autonomy.monitoring.land_switch import LandSwitchSpec
 
-from ..kinds import Choice, Flag, Number, Places, Text, Whole
+from ..kinds import Choice, Flag, Number, Places, Text, Url, Whole, parse_endpoint
 from ..schema import Group, Key, Named, Row, bind, group_of, make, refuse_at
 
 _S = 1_000_000_000
@@ -175,19 +171,9 @@ def _time(most: float = 60.0) -> Number:
     return Number(above=0.0, maximum=most)
 
 
-# what the nodes can open, as `parse_endpoint` of the link reads it: a port of 1 to 65535; behind the last colon of a
-# device its baud rate, or the rest of its name, which begins with a digit there and is no number
-_PORT = r"0*(?:[1-9][0-9]{0,3}|[1-5][0-9]{4}|6[0-4][0-9]{3}|65[0-4][0-9]{2}|655[0-2][0-9]|6553[0-5])"
-_HOST = r"\[[0-9A-Fa-f:.]+\]|[^\x00-\x20\x7f/\[\]]+"
-_URL = re.compile(
-    r"serial:(?://|(?!//))(?=/)(?!.*:(?:0*|[^0-9:][^:]*)\Z|.*[/:]:[0-9]+\Z)"
-    r"(?P<device>/[^\x00-\x20\x7f]*?[^\x00-\x20\x7f:/])(?::(?P<baud>0*[1-9][0-9]*))?"
-    rf"|(?P<kind>udp|udpin|udpout|tcp|tcpin):(?://)?(?P<host>{_HOST}):(?P<port>{_PORT})"
-)
-
 # fmt: off
 _LINK_ROWS: Tuple[Row, ...] = (
-    ("url", Text('a connection URL of a host and a port, or of a device: "udpin:127.0.0.1:14540", "serial:/dev/ttyACM0:921600"', _URL.pattern), "where the vehicle is", "as MAVLink people write it; docs/autopilot.md"),
+    ("url", Url(), "where the vehicle is", "as MAVLink people write it; docs/autopilot.md"),
     ("system_id", Whole(1, 255), "own system id", "by convention that of the vehicle"),
     ("component_id", Whole(1, 255), "own component id", "another for each node that speaks on a link"),
     ("vehicle_id", Whole(0, 255), "system id of the vehicle, the same in both links", "several vehicles may share a radio: the one that is checked is the one that flies"),
@@ -295,55 +281,6 @@ AUTOPILOT = Group(
 
 
 _AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
-_OWNED = {"udp": "udpin", "udpin": "udpin", "tcpin": "tcpin"}  # what one process alone can have, and serial devices
-_EVERY_ADDRESS = ("0.0.0.0", "::")  # noqa: S104 - compared, never bound
-
-
-class _Owned(NamedTuple):
-    """What one process alone can have: a device, or a port at an address of this computer."""
-
-    kind: str
-    address: str
-    port: int
-
-    def is_same(self, other: _Owned) -> bool:
-        """Return whether both cannot be had at once."""
-        everywhere = self.address in _EVERY_ADDRESS or other.address in _EVERY_ADDRESS
-        return self._replace(address="") == other._replace(address="") and (everywhere or self.address == other.address)
-
-
-def _owned(url: str) -> Optional[_Owned]:
-    """Return what a URL takes for itself, however it is written; None: nothing. Names of hosts are not looked up."""
-    found = _URL.fullmatch(url)
-    if found is None:
-        return None
-    if found["device"]:
-        return _Owned("serial", re.sub("/+", "/", found["device"]), 0)
-    if found["kind"] not in _OWNED:
-        return None
-    host = found["host"].strip("[]").lower()
-    with suppress(ValueError):
-        host = str(ipaddress.ip_address("127.0.0.1" if host == "localhost" else host))
-    return _Owned(_OWNED[found["kind"]], host, int(found["port"]))
-
-
-def _check_urls(values: Mapping[str, Any], places: Places) -> None:
-    """Refuse a baud rate that this system does not have, and one endpoint for two nodes.
-
-    Raises:
-        ConfigError: about the first URL that cannot be.
-    """
-    urls = {name: values[name]["url"] for name in ("link", "planner_link")}
-    for name, url in urls.items():
-        found = _URL.fullmatch(url)
-        if found is not None and found["baud"] and not hasattr(termios, f"B{int(found['baud'])}"):
-            right = "must have a baud rate that this system has; 57600, 115200 and 921600 are usual"
-            refuse_at((name, "url"), places, f"is {url!r}", right)
-    link, planner = _owned(urls["link"]), _owned(urls["planner_link"])
-    if link is not None and planner is not None and planner.is_same(link):
-        as_link = "as link.url" if urls["planner_link"] == urls["link"] else f"as link.url is ({urls['link']!r})"
-        right = "must be an endpoint of its own; a router shares a serial port (docs/autopilot.md)"
-        refuse_at(("planner_link", "url"), places, f"is {urls['planner_link']!r}, {as_link}", right)
 
 
 def _check_links(values: Mapping[str, Any], places: Places) -> None:
@@ -353,7 +290,10 @@ def _check_links(values: Mapping[str, Any], places: Places) -> None:
         ConfigError: they are.
     """
     link, planner = values["link"], values["planner_link"]
-    _check_urls(values, places)
+    if parse_endpoint(planner["url"]).excludes(parse_endpoint(link["url"])):
+        as_link = "as link.url" if planner["url"] == link["url"] else f"as link.url is ({link['url']!r})"
+        right = "must be an endpoint of its own; a router shares a serial port (docs/autopilot.md)"
+        refuse_at(("planner_link", "url"), places, f"is {planner['url']!r}, {as_link}", right)
     for name, own in (("link", link), ("planner_link", planner)):
         if own["vehicle_id"] == 0:
             right = "must be the vehicle's own: two nodes that take the first one they hear may take two"
@@ -393,19 +333,25 @@ def _check_commands(values: Mapping[str, Any], places: Places) -> None:
     refuse_at(pause, places, f"is {pause_s:g}", f"must be below commands.limit_s ({limit_s:g}): {why}")
 
 
+class JudgedRate(NamedTuple):
+    """A message that age limits judge: the rate at which it is asked for unless `rates_hz` says another, the limits."""
+
+    rate_hz: float
+    limits: Tuple[str, ...]
+
+
 _LIMITS_OF_A_STATE = ("limits.state_age_limit_s",)
-JUDGED_RATES: Mapping[str, Tuple[float, Tuple[str, ...]]] = {
-    "HEARTBEAT": (5.0, ("limits.mode_age_limit_s",)),
-    "EXTENDED_SYS_STATE": (5.0, _LIMITS_OF_A_STATE),
-    "SYS_STATUS": (2.0, ("limits.system_age_limit_s",)),
-    "GPS_RAW_INT": (5.0, ("gps.age_limit_s", "gps.frozen_limit_s")),
-    "LOCAL_POSITION_NED": (10.0, ("limits.speed_age_limit_s", *_LIMITS_OF_A_STATE)),
-    "ESTIMATOR_STATUS": (5.0, _LIMITS_OF_A_STATE),
-    "EKF_STATUS_REPORT": (5.0, _LIMITS_OF_A_STATE),
-    "ATTITUDE": (10.0, _LIMITS_OF_A_STATE),
-    "RC_CHANNELS": (10.0, ("land_switch.age_limit_s",)),
+JUDGED_RATES: Mapping[str, JudgedRate] = {
+    "HEARTBEAT": JudgedRate(5.0, ("limits.mode_age_limit_s",)),
+    "EXTENDED_SYS_STATE": JudgedRate(5.0, _LIMITS_OF_A_STATE),
+    "SYS_STATUS": JudgedRate(2.0, ("limits.system_age_limit_s",)),
+    "GPS_RAW_INT": JudgedRate(5.0, ("gps.age_limit_s", "gps.frozen_limit_s")),
+    "LOCAL_POSITION_NED": JudgedRate(10.0, ("limits.speed_age_limit_s", *_LIMITS_OF_A_STATE)),
+    "ESTIMATOR_STATUS": JudgedRate(5.0, _LIMITS_OF_A_STATE),
+    "EKF_STATUS_REPORT": JudgedRate(5.0, _LIMITS_OF_A_STATE),
+    "ATTITUDE": JudgedRate(10.0, _LIMITS_OF_A_STATE),
+    "RC_CHANNELS": JudgedRate(10.0, ("land_switch.age_limit_s",)),
 }
-"""Messages that an age limit judges: the rate at which each is asked for unless `rates_hz` says another, the limits."""
 _PERIODS = 2  # within a limit, or what comes in time is late already
 
 

@@ -32,8 +32,9 @@ import rospy
 from std_msgs.msg import Bool
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.autopilot import Connection, EndpointError, Identity
+from amaze_autonomy.autopilot import Connection, Identity
 from amaze_autonomy.config import ConfigError, Configuration, load_configuration
+from amaze_autonomy.config.errors import EndpointError
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply

@@ -15,10 +15,10 @@ import socket
 import sys
 from typing import List
 
-from amaze_autonomy.autopilot import EndpointError
 from amaze_autonomy.config import AutopilotSettings, ConfigError, load_configuration
 
-from ...autopilot.link.ports import Endpoint, EndpointKind, parse_endpoint
+from ...config.errors import EndpointError
+from ...config.kinds import Endpoint, EndpointKind, parse_endpoint
 from ...ros.arguments import answer_words, configuration_folder, overrides, read_words
 
 PROGRAM = "mavlink-routerd"

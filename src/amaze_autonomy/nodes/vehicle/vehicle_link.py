@@ -10,6 +10,7 @@ import rospy
 
 from amaze_autonomy.autopilot import AutopilotError, Client, Connection, Identity, LinkState, read_key
 from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.config.errors import EndpointError
 from amaze_autonomy.config.schemas.autopilot import LinkSettings
 from amaze_autonomy.paths import expanded
 from amaze_autonomy.ros.clock import Clock
@@ -106,7 +107,7 @@ def make_link(
             now_ns=clock.now_ns,
             complain=rospy.logerr,
         )
-    except AutopilotError as error:
+    except (AutopilotError, EndpointError) as error:
         raise StartError(str(error)) from None
 
 

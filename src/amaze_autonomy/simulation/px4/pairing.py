@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Dict, Mapping, Optional, Tuple, Type, Union
 
-from amaze_autonomy.autopilot.errors import EndpointError
+from amaze_autonomy.config.errors import EndpointError
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation.scenario import Scenario
@@ -13,7 +13,7 @@ from amaze_autonomy.simulation.vehicle.flight import Mode
 from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 from amaze_autonomy.simulation.world import World
 
-from ...autopilot.link.ports import EndpointKind, parse_endpoint
+from ...config.kinds import EndpointKind, parse_endpoint
 from ..errors import UnsupportedParameterError, VehicleAddressError
 from .craft import Craft
 from .health import WITHOUT_TRANSMITTER, Wrong
