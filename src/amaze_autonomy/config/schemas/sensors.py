@@ -42,7 +42,11 @@ _COMMAND = ListOf(
 )
 
 
-def _time(most: float = 600.0) -> Number:
+LONGEST_AGE_S, LANDING_WINDOW_S, LANDING_AGE_S, SLOWEST_ESTIMATE_HZ = 600.0, 1.5, 5.0, 0.1
+"""Bounds of keys that a proposed configuration keeps, however slow a recorded sensor is."""
+
+
+def _time(most: float = LONGEST_AGE_S) -> Number:
     return Number(above=0.0, maximum=most)
 
 
@@ -166,9 +170,9 @@ _LANDING_ROWS: Tuple[Row, ...] = (
     ("sentinels", ListOf(Number(), "numbers"), "readings, in units of the message, that mean nothing seen", "what drivers send instead of infinity"),
     ("tilt_correction", Flag(), "the beam is fixed to the vehicle: multiply by the cosine of the tilt", ""),
     ("max_tilt_rad", _ANGLE, "beyond this tilt a range says nothing about the ground", "the beam looks elsewhere"),
-    ("window_ns", _time(1.5), "time over which the median is taken; a climb is seen half of it later", "single wrong readings"),
+    ("window_ns", _time(LANDING_WINDOW_S), "time over which the median is taken; a climb is seen half of it later", "single wrong readings"),
     ("min_samples", Whole(1, 20), "good readings that make a distance; the window grows until it has them", "a median of fewer is chance"),
-    ("age_limit_ns", _time(5), "longest time without a reading before the judgement is unknown", "unknown is not good"),
+    ("age_limit_ns", _time(LANDING_AGE_S), "longest time without a reading before the judgement is unknown", "unknown is not good"),
     ("ground_distance_m", Number(above=0.0, maximum=10.0), "feet nearer to the ground than this are on it", "noise and grass"),
     ("airborne_distance_m", Number(above=0.0, maximum=10.0), "feet farther from the ground than this are in the air", "between the two the last judgement stands"),
     ("settle_ns", _time(2), "how long the distance must agree before the judgement changes", "a bounce is not a takeoff"),
@@ -180,7 +184,7 @@ _STATE_ROWS: Tuple[Row, ...] = (
     ("source", Choice(tuple(source.value for source in EstimateSource)), "kind of message: nav_msgs/Odometry, geometry_msgs/PoseStamped, geometry_msgs/PoseWithCovarianceStamped", ""),
     ("imu_topic", _MAYBE_TOPIC, "accelerometer whose gravity must agree; empty: none is looked at", "an estimator can be wrong and sure of itself"),
     ("imu_mounting_rpy_rad", ListOf(Number(minimum=-360.0, maximum=360.0), "roll, pitch, yaw", 3), "orientation of the IMU in the vehicle frame (x forward, y left, z up)", "as in the vehicle's URDF"),
-    ("rate_hz", Number(minimum=0.1, maximum=10000.0), "estimates per second that are intended", "as set in the estimator"),
+    ("rate_hz", Number(minimum=SLOWEST_ESTIMATE_HZ, maximum=10000.0), "estimates per second that are intended", "as set in the estimator"),
     ("tolerance_fraction", _SMALL, "deviation of the rate that is still as intended", ""),
     ("age_limit_ns", _time(60), "how old the last estimate and IMU sample may be", "unknown is not good"),
     ("window_ns", _time(60), "time over which gravity is averaged", "vibration and noise"),

@@ -17,6 +17,7 @@ from amaze_autonomy.interface import STATUSES
 
 from ...bags.errors import MessageError, UndecodableError
 from ...bags.format import MEMORY
+from ...config.schemas.sensors import LANDING_AGE_S, LANDING_WINDOW_S, LONGEST_AGE_S, SLOWEST_ESTIMATE_HZ
 from ..beginning import ARMING_LEAD_NS
 from ..errors import FieldError, NoMessagesError
 from ..recordings.fields import getter, number, quaternion
@@ -27,8 +28,6 @@ _G = 9.80665
 _LATE_S, _ARMED_BEFORE_S = 3.0, 1.0
 _CHECKED_S, _COMMANDED_S = 3.2, 3.8  # from the selection to the checks before the takeoff, at the latest to its command
 _STILL_S = 1.8  # a little less than the shipped configuration looks whether the vehicle stands still
-_LANDING_WINDOW_S, _LANDING_AGE_S = 1.5, 5.0  # the most that landing detection may have
-_LONGEST_AGE_S, _SLOWEST_ESTIMATE_HZ = 600.0, 0.1  # that a component, and the check of the states, may have
 _ESTIMATE_HZ = 25.0  # slower than this is too slow for the shipped configuration
 _KINDS_NAMED = 5
 _NEAR_MM, _MOUNTED_M, _ALOFT_M, _RISE_M = 300.0, 0.6, 0.5, 0.3
@@ -478,7 +477,7 @@ class _Maker:
         """Return what of the check of the states a slow recording could not meet."""
         rate_hz = self._estimate_hz
         slow = rate_hz is not None and rate_hz < _ESTIMATE_HZ
-        keys = [f"rate_hz: {max(_SLOWEST_ESTIMATE_HZ, rate_hz or 0.0):.3g}"] if slow else []
+        keys = [f"rate_hz: {max(SLOWEST_ESTIMATE_HZ, rate_hz or 0.0):.3g}"] if slow else []
         if self._imu_s > 0.1:  # noqa: PLR2004  (ten in the window of the shipped configuration)
             keys += [f"window_s: {min(60.0, 15 * self._imu_s):.2f}", f"age_limit_s: {min(60.0, 4 * self._imu_s):.2f}"]
             keys += [f"min_samples: {max(3, min(10, int(_STILL_S / self._imu_s)))}"]
@@ -491,9 +490,9 @@ class _Maker:
         keys = [f"mounting_height_m: {self._ground_m:.3f}", f"min_range_m: {min(0.02, 0.5 * self._ground_m):.3f}"]
         period_s = topic.period_s or 0.0
         if period_s > 0.1:  # noqa: PLR2004  (three in the window of the shipped configuration)
-            window_s, age_limit_s = min(_LANDING_WINDOW_S, 4 * period_s), min(_LANDING_AGE_S, 4 * period_s)
+            window_s, age_limit_s = min(LANDING_WINDOW_S, 4 * period_s), min(LANDING_AGE_S, 4 * period_s)
             keys += [f"window_s: {window_s:.2f}", f"age_limit_s: {age_limit_s:.2f}"]
-        if 4 * period_s > _LANDING_WINDOW_S:
+        if 4 * period_s > LANDING_WINDOW_S:
             slow = f"{topic.name} comes at {1.0 / period_s:.3g} Hz, too slow to land by"
             self.found.append(f"{slow}: take a faster one for landing_detection")
         return [f"landing: {{{', '.join(keys)}}}  # measured first", ""]
@@ -568,7 +567,7 @@ def _component(name: str, topic: _Topic, more: str = "") -> List[str]:
     mean_hz = (len(topic.times_ns) - 1) / max(1e-9, (int(topic.times_ns[-1]) - int(topic.times_ns[0])) / _S)
     rate_hz = float(f"{mean_hz:.3g}") if 0.5 < mean_hz / rate_hz < 2.0 else rate_hz  # noqa: PLR2004  (it pauses)
     slow = topic.name.startswith("/mavlink/")  # telemetry comes as its link lets it
-    age_s = min(_LONGEST_AGE_S, max(1.5 if slow else 0.3, float(f"{5.0 / rate_hz:.2g}")))
+    age_s = min(LONGEST_AGE_S, max(1.5 if slow else 0.3, float(f"{5.0 / rate_hz:.2g}")))
     more += ", tolerance_fraction: 0.9, rate_failed_fraction: 0.05" if slow else ""
     gap = f"  # longest gap {topic.longest_gap_s:.2f} s" if topic.longest_gap_s > age_s else ""
     return [f"  {name}: {{topic: {topic.name}, rate_hz: {rate_hz:g}, age_limit_s: {age_s:g}{more}}}{gap}"]
