@@ -60,6 +60,7 @@ def test_told_to_end(place, signal):
     state, _, step = expected.place.partition(" ")
     story.expect(state, step)
     assert tuple(story.requests) == expected.requests
+    assert story.state.shutting_down
     if expected.requests == BOTH:
         assert any(signal in c.text for c in story.since if getattr(c, "key", "") == "shutdown")
         assert type(story.since[0]).__name__ == "MissionCommand"

@@ -104,3 +104,11 @@ def test_one_status_that_says_armed_is_not_believed():
 def story_limit_s() -> float:
     """Return how long an ARM of ours may take: as long as a takeoff may take to arm."""
     return at("TAKEOFF arming").rules.limits.arm_limit_ns / S
+
+
+def test_a_flight_that_was_armed_and_never_lifted_off_was_armed():
+    story = at("TAKEOFF arming")
+    story.planner.phase = ev.MissionPhase.TAKING_OFF
+    assert not story.state.flight.was_armed
+    story.say(armed=True).after(0.3).say(armed=True).after(0.3)
+    assert (story.state.flight.was_armed, story.state.flight.was_airborne) == (True, False)

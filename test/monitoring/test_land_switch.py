@@ -19,14 +19,15 @@ def land(t_ns):
     return UserRequest(t_ns=t_ns, command=UserCommand.LAND, by="the transmitter's land switch")
 
 
-def heard(*readings, **limits):
+def heard(*readings, begin_ns=0, **limits):
     """Return a switch that has heard (milliseconds, width) each."""
     switch = LandSwitchMonitor(LandSwitchSpec(channel=7, **limits))
     for t_ms, width_us in readings:
-        switch.add(t_ms * MS, width_us)
+        switch.add(begin_ns + t_ms * MS, width_us)
     return switch
 
 
+@pytest.mark.parametrize("begin_ns", [0, 1_000 * S])  # a clock may have begun at any time
 @pytest.mark.parametrize(
     "readings, on",
     [
@@ -42,9 +43,9 @@ def heard(*readings, **limits):
         ([(0, ON), (300, None)], False),  # no pulse is no reading
     ],
 )
-def test_it_is_on_when_it_was_held(readings, on):
+def test_it_is_on_when_it_was_held(readings, on, begin_ns):
     last_ms = readings[-1][0] if readings else 0
-    assert heard(*readings).on(last_ms * MS) is on
+    assert heard(*readings, begin_ns=begin_ns).on(begin_ns + last_ms * MS) is on
 
 
 def test_what_is_old_says_nothing():

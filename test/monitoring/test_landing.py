@@ -156,6 +156,14 @@ def test_a_judgement_without_the_autopilot_is_taken_back_when_it_says_that_it_fl
     assert flight.fly(0.2, level(0.0)).said == [UNKNOWN, GROUND, UNKNOWN, GROUND]
 
 
+@pytest.mark.parametrize("distance_m, near", [(0.15, True), (0.1501, False)])
+def test_the_ground_distance_itself_is_near_the_ground_in_words_too(distance_m: float, near: bool):
+    detector = LandingDetector(LandingSpec(min_samples=1, mounting_height_m=0.0, ground_distance_m=0.15))
+    detector.add_autopilot(0, VehicleLanded.IN_AIR)
+    detector.add_range(1, distance_m)
+    assert ("it moves or the autopilot says" in detector.evaluate(1).reason) is near
+
+
 @pytest.mark.parametrize("said", FLYING)
 def test_a_judgement_that_the_autopilot_agreed_to_stands_until_it_is_far_from_the_ground(said: VehicleLanded):
     flight = Flight().fly(1.0, level(0.0))
