@@ -63,6 +63,7 @@ class Story:
         self.mark = 0
         self.ticks = 0
         self.ticking = True
+        self._dead = False
         self.watch: List[Callable[[Story, EngineState, ev.Event, Tuple[Any, ...]], None]] = []
 
     def fork(self) -> Story:
@@ -87,6 +88,8 @@ class Story:
         return self._decide(event)
 
     def _decide(self, event: ev.Event) -> Tuple[Any, ...]:
+        if self._dead:
+            return ()
         before = self.state
         self.state, commands = engine.decide(before, event, self.rules)
         for observer in (*ALWAYS, *self.watch):
@@ -111,6 +114,13 @@ class Story:
                 break
             self._step(t_ns)
         self.now = end
+        return self
+
+    def pass_dead(self, seconds: float) -> Story:
+        """Let time pass for everybody but the engine, which is dead, and hears nothing."""
+        self._dead, self.ticking = True, False
+        self.after(seconds)
+        self._dead, self.ticking = False, True
         return self
 
     def until(self, state: str, step: Optional[str] = None, limit_s: float = 60.0) -> Story:

@@ -13,7 +13,7 @@ from expected_answers import COMMANDS, EXPECTED, SELECTION
 
 from amaze_autonomy.engine import commands, decide
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.commands import Answer, AnswerKind, Level
+from amaze_autonomy.engine.commands import Answer, AnswerKind, Level, Notify
 from amaze_autonomy.engine.context import Context
 from amaze_autonomy.engine.state import State, evolve
 
@@ -149,11 +149,20 @@ def test_a_vehicle_that_has_been_disarmed_for_long_can_be_acknowledged_whatever_
     story.expect("DATA_CLEANUP")
 
 
-@pytest.mark.parametrize("armed", [True, None])
-def test_one_that_does_not_say_that_it_is_disarmed_cannot(armed):
+def test_one_that_says_that_it_is_armed_cannot():
     story = at("PILOT")
-    story.vehicle.says.update(armed=armed, landed=ev.VehicleLanded.UNKNOWN)
+    story.vehicle.says.update(armed=True, landed=ev.VehicleLanded.UNKNOWN)
     assert story.after(40.0).user("acknowledge")[0] == "REFUSED"
+
+
+def test_one_that_does_not_say_whether_it_is_armed_can_be_acknowledged_after_long():
+    """Its link lives, and what says that it is armed does not come any more: there was no way out of PILOT."""
+    story = at("PILOT")
+    story.vehicle.says.update(armed=None, landed=ev.VehicleLanded.UNKNOWN)
+    assert story.after(29.0).user("acknowledge")[0] == "REFUSED"
+    answer = story.after(2.0).user("acknowledge")
+    assert answer == ("DONE", "Acknowledged; whether it has landed and is disarmed is not known.")
+    story.expect("DATA_CLEANUP")
 
 
 def test_a_silence_of_the_vehicle_is_no_time_in_which_it_was_disarmed():
@@ -277,3 +286,75 @@ def test_what_is_flown_on_with_and_what_is_over_are_said_without_names_of_rules(
     tilt = "tilted further than it should be (tilt 50.0 deg, limit 45.0)."
     assert said(story.say(tilt_deg=50.0)) == [f"Flying on: {tilt}"]
     assert said(story.look().say(tilt_deg=3.0)) == [f"Cleared: {tilt}"]
+
+
+SWITCH = "the transmitter's land switch"
+
+
+def first_message(story: Story) -> str:
+    return next(c.text for c in story.since if isinstance(c, Notify))
+
+
+def test_a_landing_of_the_switch_that_was_put_off_is_the_switchs_when_it_goes_out():
+    story = at("MISSION flying")
+    story.say(mode="POSCTL").vehicle.says.clear()
+    story.look().feed(ev.UserRequest, command=ev.UserCommand.LAND, request_id=9, by=SWITCH)
+    story.after(0.5).expect("LAND")
+    assert first_message(story) == f"Landing as {SWITCH} says."
+    decision = next(c for c in story.since if getattr(c, "rule", "") == "user_land")
+    assert [(value.name, value.value) for value in decision.values] == [("user", "land"), ("by", SWITCH)]
+    assert (story.state.landing.cause, story.state.land_deferred) == (SWITCH, None)
+
+
+def test_who_asked_first_for_a_landing_that_is_put_off_is_named():
+    story = at("MISSION flying")
+    story.say(mode="POSCTL").vehicle.says.clear()
+    story.user("land")
+    story.feed(ev.UserRequest, command=ev.UserCommand.LAND, request_id=9, by=SWITCH)
+    story.look().after(0.5).expect("LAND")
+    assert first_message(story) == "Landing as you asked."
+
+
+def test_a_command_at_the_moment_in_which_the_pilot_is_found_to_have_taken_over_is_refused():
+    story = at("MISSION flying")
+    story.ticking = False
+    story.say(mode="POSCTL", pilot_in_control=True)
+    story.now += 200_000_000
+    story.say()
+    story.now += 125_000_000
+    assert story.user("land") == ("REFUSED", "The pilot or the autopilot has control; nothing is commanded.")
+    story.expect("PILOT")
+
+
+CANCELLED = "the user aborts before lift-off"
+MEANWHILE = {
+    "the pilot": ({"pilot_in_control": True, "mode": "POSCTL"}, "the pilot flies (flight mode POSCTL)"),
+    "a sensor": (16, "imu at code 16"),
+}
+
+
+@pytest.mark.parametrize("what", MEANWHILE)
+def test_what_ends_a_takeoff_that_is_being_cancelled_is_said_by_its_own_cause(what):
+    happens, words = MEANWHILE[what]
+    story = at("TAKEOFF cancelling").look()
+    if isinstance(happens, dict):
+        story.say(**happens)
+    else:
+        story.fail("imu", happens)
+    story.after(1.0)
+    assert words in first_message(story)
+    assert CANCELLED not in first_message(story)
+
+
+def test_a_doubt_does_not_change_why_a_takeoff_was_cancelled():
+    story = at("TAKEOFF cancelling").look()
+    story.say(mode="POSCTL", pilot_in_control=True).after(0.2).say().vehicle.says.clear()
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND).until("OUTREACH", limit_s=20.0)
+    told = {c.key: c.text for c in story.since if isinstance(c, Notify)}
+    assert "the pilot flies" in told["takeover_suspected"]
+    assert CANCELLED in told["takeoff_refused"]
+
+
+def test_the_end_of_a_users_hold_names_its_limit():
+    story = at("HOLD holding").look().after(121.0).expect("LAND")
+    assert first_message(story) == "Landing: the hold that the user asked for has lasted its 120 s."

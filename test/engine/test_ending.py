@@ -293,3 +293,36 @@ def test_a_restart_says_so():
     story.feed(ev.EngineStarted, label="again", resumed=True)
     assert story.told == ["resumed"]
     assert evolve(story.state, label="", started_ns=0).state.value == "MISSION"
+
+
+IN_TIME = {
+    "TAKEOFF lifting_off": 12.0,
+    "TAKEOFF climbing": 35.0,
+    "HOLD confirming": 3.2,
+    "HOLD resuming": 5.2,
+}
+
+
+@pytest.mark.parametrize("place", IN_TIME)
+def test_a_limit_that_passed_while_the_engine_was_dead_ends_no_flight_that_goes_well(place):
+    story = at(place)
+    story.planner.flown_ns = -(10**13)
+    story.disobeyed.clear()
+    effect = {"TAKEOFF lifting_off": "_lift_off", "HOLD confirming": "_on_hold", "HOLD resuming": "_on_resume"}.get(place)
+    if effect is not None:
+        getattr(story, effect)(*(() if effect == "_lift_off" else (None,)))
+    story.pass_dead(IN_TIME[place])
+    story.look().feed(ev.EngineStarted, label="again", resumed=True)
+    story.after(3.0)
+    assert not story.is_in("LAND"), story.told
+    assert "LAND" not in story.motions
+
+
+def test_control_is_not_said_to_be_back_over_a_vehicle_that_nobody_hears():
+    story = at("MISSION flying").say(mode="POSCTL", pilot_in_control=True)
+    story.after(0.1).say()
+    assert story.state.flight.takeover_noted
+    story.silent.append("autopilot")
+    story.look().feed(ev.EngineStarted, label="again", resumed=True)
+    story.after(3.0)
+    assert "takeover_denied" not in story.told

@@ -417,3 +417,13 @@ def test_commands_go_out_by_how_much_a_vehicle_needs_them():
     ]
     backwards = list(reversed(commands))
     assert sorted(backwards, key=_rank) == commands
+
+
+def test_one_status_in_the_air_is_no_takeoff_where_nothing_says_so_again():
+    """The whole mission would be flown with nobody who minds that it is not known whether it flies."""
+    story = at("TAKEOFF lifting_off")
+    story.vehicle.take_off()
+    story.vehicle.height = 2.0
+    story.say(landed=ev.VehicleLanded.IN_AIR).expect("TAKEOFF", "climbing")
+    story.say(landed=ev.VehicleLanded.UNKNOWN).after(5.0).expect("TAKEOFF", "climbing")
+    story.until("LAND", limit_s=60.0)

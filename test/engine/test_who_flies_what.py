@@ -341,14 +341,14 @@ def test_a_landing_that_was_asked_for_while_a_flight_seemed_over_is_no_matter_af
     story.user("land")
     story.after(12.0)
     assert story.place[0] not in ("MISSION", "LAND")
-    assert (story.motions, story.state.land_deferred) == ([], False)
+    assert (story.motions, story.state.land_deferred) == ([], None)
 
 
 def test_a_landing_that_is_asked_for_as_the_flight_is_found_to_be_over_is_not_put_off():
     story = seems_over(height_m=0.0)
     state = evolve(story.state, flight=evolve(story.state.flight, grounded_ns=story.now - 60 * 10**9))
     state, _ = decide(state, ev.UserRequest(t_ns=story.now, command=ev.UserCommand.LAND, request_id=9), story.rules)
-    assert (state.state.value, state.land_deferred) == ("DATA_CLEANUP", False)
+    assert (state.state.value, state.land_deferred) == ("DATA_CLEANUP", None)
 
 
 @pytest.mark.parametrize("why", ["the user", "a component"])

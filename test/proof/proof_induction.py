@@ -318,7 +318,7 @@ FIELDS: Mapping[str, Draw] = {
     "landing.disarm_sent_ns": _when,
     "shutting_down": _bool,
     "armed_at_start": _one(None, True, False),
-    "land_deferred": _one(False, False, True),
+    "land_deferred": _one(None, None, "", "the transmitter's land switch"),
     "recording.request.outcome": _one(None, *ev.Outcome),
     "recording.since_ns": _when,
     "recording.progressed": _bool,

@@ -285,7 +285,7 @@ def _(s: EngineState) -> bool:
 @_is("A landing is put off only while it is not clear who has control of a flight, or whether it is over.")
 def _(s: EngineState) -> bool:
     clear = s.vehicle.takeover is None and not _unheard(s) and s.flight.active
-    return not s.land_deferred or not clear
+    return s.land_deferred is None or not clear
 
 
 @_is("The last command is the one that the step is about.")

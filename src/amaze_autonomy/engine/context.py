@@ -125,7 +125,7 @@ _NS = 1_000_000_000
 class Context:
     """What guards and effects work on."""
 
-    __slots__ = ("commands", "event", "limits", "now", "rules", "selected", "signal", "state", "user")
+    __slots__ = ("asked_by", "commands", "event", "limits", "now", "rules", "selected", "signal", "state", "user")
 
     def __init__(self, state: EngineState, event: Event, rules: Rules) -> None:
         self.state = state
@@ -135,6 +135,8 @@ class Context:
         self.now: int = event.t_ns
         self.commands: List[Command] = []
         self.user: Optional[UserCommand] = event.command if isinstance(event, UserRequest) else None
+        #: What asks in the place of a person at a console; empty: nothing does.
+        self.asked_by: str = event.by if isinstance(event, UserRequest) else ""
         self.selected: Tuple[Mission, ...] = event.missions if isinstance(event, MissionSelected) else ()
         self.signal: str = event.signal if isinstance(event, Shutdown) else state.signal
 
@@ -165,11 +167,6 @@ class Context:
     def asked(self) -> bool:
         """Return True while somebody asks for something that was not carried out yet."""
         return self.user is not None or bool(self.selected) or bool(self.signal)
-
-    @property
-    def asked_by(self) -> str:
-        """What asks in the place of a person at a console; empty: nothing does."""
-        return self.event.by if isinstance(self.event, UserRequest) else ""
 
     def consume(self) -> None:
         """Forget what the event asks for: a request is carried out once."""
@@ -208,20 +205,21 @@ class Context:
         fresh = age_ns <= self.limits.autopilot_status_limit_ns and link_ns <= self.limits.autopilot_link_limit_ns
         return status if fresh else None
 
-    def silent_for(self, limit_ns: int) -> bool:
-        """Return True when neither the autopilot's status nor the vehicle behind it was heard for so long.
+    def unknown_for_long(self) -> bool:
+        """Return True when the autopilot's status, or the vehicle behind it, is silent for long, or not known armed.
 
         A node that was started again and has never heard the vehicle says that nothing is known of it.
         """
         peers = self.state.peers
-        vehicle_ns = peers.vehicle_unknown_ns if peers.link_ns is None else peers.link_ns
-        heard = [each for each in (peers.autopilot_ns, vehicle_ns) if each is not None]
-        return not heard or self.now - min(heard) >= limit_ns
+        says = peers.link_ns is not None and peers.autopilot is not None and peers.autopilot.armed is not None
+        since = (peers.autopilot_ns, peers.link_ns, None if says else peers.vehicle_unknown_ns)
+        heard = [each for each in since if each is not None]
+        return not heard or self.now - min(heard) >= self.limits.pilot_silence_limit_ns
 
-    def disarmed_for(self, limit_ns: int) -> bool:
-        """Return True when the vehicle has said for so long that it is disarmed, wherever it says that it stands."""
+    def disarmed_for_long(self) -> bool:
+        """Return True when the vehicle has said for long that it is disarmed, wherever it says that it stands."""
         agreed = self.state.vehicle.disarmed
-        return agreed is not None and self.now - agreed.since_ns >= limit_ns and self.disarmed()
+        return agreed is not None and self.now - agreed.since_ns >= self.limits.pilot_silence_limit_ns and self.disarmed()
 
     def armed(self) -> bool:
         """Return True when the vehicle says, freshly, that it is armed."""
@@ -338,11 +336,8 @@ class Context:
         return status is not None and status.landed not in (VehicleLanded.ON_GROUND, VehicleLanded.UNKNOWN)
 
     def never_landed(self) -> bool:
-        """Return True where a flight that seemed over goes on: in the air, and not armed on the ground before that."""
-        aloft, motors = self.state.vehicle.aloft, self.state.vehicle.motors
-        on_the_ground_before = motors is not None and aloft is not None and motors.since_ns < aloft.since_ns
-        another = on_the_ground_before or self.state.flight.another
-        return self.state.flight.was_airborne and self.airborne() and not another
+        """Return True where a flight that seemed over goes on: in the air, and nothing shows that it is another one."""
+        return self.state.flight.was_airborne and self.airborne() and not self.state.flight.another
 
     def flies_again(self) -> bool:
         """Return True when the vehicle says, freshly, what contradicts that its flight is over."""

@@ -62,9 +62,12 @@ CONDITIONS: Mapping[str, Callable[[Context], bool]] = {
     "a component is waited for": _component_waited,
     "the user holds": lambda context: context.state.flight.user_hold_ns is not None,
     "landing": lambda context: context.lands(),
-    "the pilot was alarmed and the vehicle is silent": lambda context: nobody_knows(context) is not None,
-    "the vehicle has been silent for long": lambda context: context.silent_for(context.limits.pilot_silence_limit_ns),
-    "it has been disarmed for long": lambda context: context.disarmed_for(context.limits.pilot_silence_limit_ns),
+    "the pilot was alarmed and nothing is known of the vehicle": lambda context: nobody_knows(context) is not None,
+    "the pilot was alarmed and it has been disarmed for long": lambda context: (
+        nobody_knows(context) is not None and context.disarmed_for_long()
+    ),
+    "the vehicle has been silent or unknown for long": lambda context: context.unknown_for_long(),
+    "it has been disarmed for long": lambda context: context.disarmed_for_long(),
     "last heard on the ground and disarmed": lambda context: context.last_heard_down(),
 }
 
@@ -175,12 +178,13 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
     },
     UserCommand.ACKNOWLEDGE: {
         State.LAND: (
-            Case(_DONE, _UNKNOWN_END, "the pilot was alarmed and the vehicle is silent"),
+            Case(_DONE, _NOT_SEEN_DOWN, "the pilot was alarmed and it has been disarmed for long"),
+            Case(_DONE, _UNKNOWN_END, "the pilot was alarmed and nothing is known of the vehicle"),
             Case(_NO, "It is landing."),
         ),
         State.PILOT: (
             Case(_DONE, "Acknowledged.", "last heard on the ground and disarmed"),
-            Case(_DONE, _UNKNOWN_END, "the vehicle has been silent for long"),
+            Case(_DONE, _UNKNOWN_END, "the vehicle has been silent or unknown for long"),
             Case(_DONE, _NOT_SEEN_DOWN, "it has been disarmed for long"),
             Case(_NO, "Not on the ground and disarmed yet, or not known to be."),
         ),
@@ -205,7 +209,9 @@ _ASKED_BEFORE = Case(_NO, "It is landing: you asked for that before.")
 
 def answer_to(context: Context, command: UserCommand) -> Case:
     """Return the answer to a command in the engine's present state."""
-    for case in ANSWERS[command].get(context.state.state, ()):
+    state = context.state.state
+    place = State.PILOT if state in (*_FLIGHT, State.LAND) and context.taken() else state  # as this event will show
+    for case in ANSWERS[command].get(place, ()):
         if CONDITIONS[case.when](context):
             return case
     return Case(_NO, OTHERWISE[command])
@@ -250,8 +256,8 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
             break
         _fire(context, row, seen, decisions)
         _update_failures(context, decisions)
-    if context.state.land_deferred and not _lands_later(context):
-        context.set(land_deferred=False)
+    if context.state.land_deferred is not None and not _lands_later(context):
+        context.set(land_deferred=None)
     if context.state.signal and not context.suspected() and not _seems_over(context.state):
         context.set(signal="")
     if not context.commands and not decisions:
@@ -270,9 +276,11 @@ def _take_up(context: Context) -> None:
     In a pilot's hands there is none, and none after the flight.
     """
     state = context.state
-    if state.land_deferred and not _is_unclear(context):
-        context.set(land_deferred=False)
-        context.user = UserCommand.LAND if _lands_later(context) else context.user
+    if state.land_deferred is None or _is_unclear(context):
+        return
+    context.set(land_deferred=None)
+    if _lands_later(context):
+        context.user, context.asked_by = UserCommand.LAND, state.land_deferred
 
 
 def _is_unclear(context: Context) -> bool:
@@ -309,18 +317,24 @@ def _answer(context: Context) -> None:
     case = answer_to(context, event.command) if isinstance(event, UserRequest) else SELECT[context.state.state]
     if context.suspected():
         defers = case.answer is AnswerKind.DONE and context.user in _LANDS and context.state.flight.active
-        context.set(land_deferred=defers or context.state.land_deferred)
+        _put_off(context, is_put_off=defers)
         case = DEFERRED if defers else IN_DOUBT
         context.consume()
     elif isinstance(event, UserRequest) and context.user is not event.command:
         case = _ASKED_BEFORE
     elif case.answer is not AnswerKind.DONE:
-        context.set(land_deferred=case is _SEEMS_OVER or context.state.land_deferred)
+        _put_off(context, is_put_off=case is _SEEMS_OVER)
         context.consume()
     context.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
     lands = isinstance(event, UserRequest) and event.command in _LANDS and case.answer is not AnswerKind.REFUSED
     if lands and context.state.flight.was_airborne:
         drop_queue(context)  # who has it landed has no other mission taken off for him
+
+
+def _put_off(context: Context, *, is_put_off: bool) -> None:
+    """Remember who asks for a landing that may go out later: the first of them."""
+    if is_put_off and context.state.land_deferred is None:
+        context.set(land_deferred=context.asked_by)
 
 
 _CLEARED = {("failure_back", FailureKind.LOSS): "condition_cleared"}
@@ -372,16 +386,20 @@ def _first(context: Context) -> Tuple[Optional[Transition], Seen]:
 def _fire(context: Context, row: Transition, seen: Seen, decisions: List[Decision]) -> None:
     """Carry out one row: its own fields and action, the step into the new state, the effects of entering it."""
     before, first = (context.state.state, context.state.step), len(context.commands)
-    if context.state.step is not Step.CANCELLING:  # a cancelled takeoff keeps its cause
-        context.set(cause=seen.reason or row.words)
+    cause, kept = seen.reason or row.words, context.state.cause
+    cancelled = before[1] is Step.CANCELLING and (row.target is None or row.target[0] is State.OUTREACH)
+    context.set(cause=cause)
     for path, value in row.sets.items():
         context.state = put(context.state, path, value)
     if row.act is not None:
         row.act(context)
     if row.target is not None:
         _enter(context, before, row.target)
+    if cancelled:  # why it was, and not what happened until it was
+        context.set(cause=kept)
     if row.message:
-        context.notify(row.message, **_words(context))
+        words = _words(context)
+        context.notify(row.message, **{**words, "reason": f"{cause}."} if row.target is None else words)
     if row.target is not None or row.act is not None:
         context.consume()
     _write_down(context, decisions, row.rule, before, seen.values, first)

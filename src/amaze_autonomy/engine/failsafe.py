@@ -469,7 +469,10 @@ def _user_hold(context: Context) -> List[Failure]:
     hold = Failure(
         USER_HOLD, FailureKind.USER, 0, Action.WAIT, Action.LAND, since, deadline, "the user asked for a hold"
     )
-    return [hold if context.now < deadline else evolve(hold, action=Action.LAND, fallback=None, deadline_ns=None)]
+    if context.now < deadline:
+        return [hold]
+    over = f"the hold that the user asked for has lasted its {context.limits.user_hold_limit_ns / _NS:g} s"
+    return [evolve(hold, action=Action.LAND, fallback=None, deadline_ns=None, reason=over)]
 
 
 def _changes(old: Tuple[Failure, ...], state: EngineState, without: Tuple[str, ...]) -> Tuple[Change, ...]:

@@ -64,10 +64,10 @@ def airborne(context: Context) -> Optional[Seen]:
 
 
 def at_takeoff_height(context: Context) -> Optional[Seen]:
-    """The vehicle is at takeoff height."""
+    """The vehicle is at takeoff height, and several statuses have said that it flies."""
     status, limit = context.vehicle(), context.limits.takeoff_height_m
     reached = status is not None and status.height_m is not None and status.height_m >= limit
-    return holds_if(reached, Value("height", status.height_m if status else None, limit, "m"))
+    return holds_if(reached and context.state.flight.was_airborne, Value("height", status.height_m if status else None, limit, "m"))
 
 
 def taken_over(context: Context) -> Optional[Seen]:
@@ -87,7 +87,7 @@ def takeover_begins(context: Context) -> Optional[Seen]:
 
 def takeover_denied(context: Context) -> Optional[Seen]:
     """Somebody else seemed to have control, and the vehicle answers to us."""
-    denied = context.state.vehicle.takeover is None and not context.unheard()
+    denied = context.state.vehicle.takeover is None and context.vehicle() is not None and not context.unheard()
     return holds_if(context.state.flight.takeover_noted and denied)
 
 
@@ -153,11 +153,11 @@ def heard_down(context: Context) -> Optional[Seen]:
 
 
 def nobody_knows(context: Context) -> Optional[Seen]:
-    """The pilot was alarmed, and the vehicle is not heard any more, or not whether it is armed and has landed."""
+    """The pilot was alarmed; it is not heard any more, nor whether it is armed and has landed, or long disarmed."""
     state, status = context.state, context.state.peers.autopilot
     unknown = passed("vehicle_unknown_limit", state, context.rules, context.now)
     alarmed = state.landing.alarmed or state.landing.lost_alarmed
-    silent = alarmed and (context.vehicle() is None or unknown)
+    silent = alarmed and (context.vehicle() is None or unknown or context.disarmed_for_long())
     return holds_if(silent, Value("last heard armed", status.armed if status is not None else None))
 
 

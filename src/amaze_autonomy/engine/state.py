@@ -272,7 +272,8 @@ class Flight:
         flown_by: likewise, by which of AUTO.MISSION and OFFBOARD it is flown; a resume leaves it.
         hold_repeated: the hold was commanded again.
         takeover_noted: the user was told that somebody else seems to have control.
-        another: after it, it was armed on the ground again, and not by us.
+        another: after it, it was armed on the ground again, and not by us, or stood there for long: what flies then is
+            somebody else's.
     """
 
     active: bool = False
@@ -428,7 +429,8 @@ class EngineState:
         cause: why the last row fired.
         failures: all that is wrong now.
         shutting_down, signal: the process was told to end; the signal while nobody has answered it.
-        land_deferred: the user asked for a landing while it was not clear who has control, or whether it has landed.
+        land_deferred: who asked for a landing while it was not clear who has control, or whether it has landed; empty:
+            the user; None: nobody.
         shown: the last message to the user.
 
     The rest are parts, each of which begins anew by one assignment.
@@ -450,7 +452,7 @@ class EngineState:
     failures: Tuple[Failure, ...] = ()
     shutting_down: bool = False
     signal: str = ""
-    land_deferred: bool = False
+    land_deferred: Optional[str] = None
     shown: Notify = _NOTHING
 
     session: Session = Session()

@@ -109,6 +109,8 @@ def _engine_started(context: Context, event: EngineStarted) -> None:
         return
     context.set(vehicle=Vehicle(), peers=state.peers.after_restart(context.now))
     context.put("flight", mode_shown="")
+    if state.state in (State.TAKEOFF, State.HOLD):  # its limits are those of silence, too
+        context.set(step_ns=context.now)
     if state.state is State.LAND:  # it was commanded, and is again once it was heard who has control
         context.put("landing", sent_ns=context.now)
     context.put("recording", since_ns=None)
@@ -258,9 +260,8 @@ def _mission_status(context: Context, event: MissionStatus) -> None:
         context.put("peers", planner=event, planner_ns=context.now)
         _planner_idles(context)
         if context.state.vehicle.takeover is not None and context.state.peers.autopilot is not None:
-            _control(
-                context, context.state.peers.autopilot, again=True
-            )  # a landing mode is the planner's when it says so
+            # a landing mode is the planner's when it says so
+            _control(context, context.state.peers.autopilot, again=True)
 
 
 def _recording_status(context: Context, event: RecordingStatus) -> None:
@@ -360,7 +361,9 @@ def _battery_known_ns(event: AutopilotStatus, now_ns: int, before_ns: Optional[i
 
 
 def _control(context: Context, event: AutopilotStatus, *, again: bool = False) -> None:
-    """Note who has control by a status, or by the same one again in another light."""
+    """Note who has control by a status, or by the same one again in another light; an old link says nothing of it."""
+    if context.vehicle() is None:
+        return
     reason, before = _taken_by(context, event), context.state.vehicle.takeover
     disarmed = context.state.vehicle.disarmed
     once = context.state.flight.active and disarmed is not None and disarmed.statuses == 1
@@ -462,6 +465,7 @@ def _flight(context: Context) -> None:
         arming = (state.state, state.step) == (State.TAKEOFF, Step.ARMING)
         if state.flight.active and state.flight.was_armed and not arming and context.stays_down():
             context.put("flight", active=False)
+        _another(context)
         return
     goes_on = not state.flight.active and context.vehicle() is not None and _goes_on(context)
     flies = context.flies_again() and context.airborne()  # unknown says nothing of a flight that is over
@@ -480,10 +484,14 @@ def _flight(context: Context) -> None:
 
 
 def _another(context: Context) -> None:
-    """Remember that it was armed on the ground after our flight: what flies then is somebody else's."""
-    flight, motors = context.state.flight, context.state.vehicle.motors
+    """Remember that our flight is over for good: armed on the ground after it, or it has stood there for long.
+
+    What flies then is somebody else's, even where nobody heard how it was armed.
+    """
+    flight, motors, down = context.state.flight, context.state.vehicle.motors, context.state.vehicle.down
     armed = motors is not None and motors.statuses > 1 and context.armed() and context.on_ground()
-    if armed and not flight.active and not flight.another:
+    stood = down is not None and down.lasts(context.limits.confirm_limit_ns) and not context.seems_to_fly()
+    if (armed or stood) and not flight.active and not flight.another:
         context.put("flight", another=True)
 
 

@@ -330,28 +330,21 @@ _ANY_OF_OURS = frozenset(mode for modes in OURS.values() for mode in modes)
     always=True,
 )
 def a_landing_asked_for_is_not_forgotten(m: Moment) -> Verdict:
-    if not m.before.land_deferred or m.in_doubt or m.before.state not in FLIGHT or not m.after.flight.active:
+    if m.before.land_deferred is None or m.in_doubt or m.before.state not in FLIGHT or not m.after.flight.active:
         return None
     return _is_landed_for(m, "the user asked for it")
 
 
-@law("4.5, 5 PILOT", "A vehicle that stays silent in somebody else's hands may be given up: PILOT has a way out.")
+@law(
+    "4.3, 4.5, 5",
+    "A vehicle that stays silent or disarmed may be given up: in somebody else's hands, or once the pilot was alarmed.",
+)
 def a_silent_vehicle_may_be_given_up(m: Moment) -> Verdict:
-    if m.before.state is not State.PILOT or not _asks_to_end(m):
+    landing = m.before.state is State.LAND and m.was.alarmed and not m.in_doubt
+    if not (landing or m.before.state is State.PILOT) or not _asks_to_end(m):
         return None
-    ends = _is_silent(m) or _is_disarmed(m)
-    return None if not ends else (True if m.moved else "it has been silent for long, and nothing leads out of PILOT")
-
-
-def _is_silent(m: Moment) -> bool:
-    return m.saw.silent_ns() >= m.rules.limits.pilot_silence_limit_ns
-
-
-def _is_disarmed(m: Moment) -> bool:
-    """Return True when it has said for long that it is disarmed, wherever it says that it stands."""
-    since_ns, fresh = m.saw.unarmed_ns, m.saw.fresh(m.rules.limits)
-    says = since_ns is not None and fresh is not None and fresh.armed is False
-    return says and m.saw.now - (since_ns or 0) >= m.rules.limits.pilot_silence_limit_ns
+    ends = m.saw.is_silent(m.rules.limits) or m.saw.is_disarmed(m.rules.limits)
+    return None if not ends else (True if m.moved else f"silent for long, and nothing leads out of {m.before.state.value}")
 
 
 def _asks_to_end(m: Moment) -> bool:
@@ -364,7 +357,7 @@ def pilot_ends_acknowledged(m: Moment) -> Verdict:
         return None
     last = m.saw.vehicle
     down = last is not None and last.armed is False and last.landed is ev.VehicleLanded.ON_GROUND
-    ended = _asks_to_end(m) and (down or _is_silent(m) or _is_disarmed(m))
+    ended = _asks_to_end(m) and (down or m.saw.is_silent(m.rules.limits) or m.saw.is_disarmed(m.rules.limits))
     return True if ended else "left without an acknowledgement, or its last word was not that it is down"
 
 

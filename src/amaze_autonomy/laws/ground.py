@@ -288,14 +288,15 @@ def a_flight_ends_on_the_ground(m: Moment) -> Verdict:
 
 
 def _given_up(m: Moment) -> bool:
-    """Return True when a person ends it: after the alarm, by its last word that it is down, or silent for long."""
+    """Return True when a person ends it: after the alarm, by its last word that it is down, silent or disarmed for long."""
     asked = isinstance(m.event, ev.UserRequest) and m.event.command is ev.UserCommand.ACKNOWLEDGE
     last = m.saw.vehicle
     down = last is not None and last.armed is False and last.landed is ev.VehicleLanded.ON_GROUND
     limits = m.rules.limits
-    if m.before.state is State.PILOT and m.saw.silent_ns() >= limits.pilot_silence_limit_ns:
+    long = m.saw.is_silent(limits) or m.saw.is_disarmed(limits)
+    if m.before.state is State.PILOT and long:
         return asked
-    nothing_known = m.saw.fresh(limits) is None or m.saw.is_unknown(limits)
+    nothing_known = m.saw.fresh(limits) is None or m.saw.is_unknown(limits) or long
     return asked and nothing_known and (m.was.alarmed or down)
 
 

@@ -163,6 +163,18 @@ class Witness:
             return self.now - min(self.vehicle_ns, self.unknown_ns)  # the node has never heard it
         return self.now - self.vehicle_ns + int((link_s or 0.0) * _SECOND)
 
+    def is_silent(self, limits: Limits) -> bool:
+        """Return True when it is silent for long, or does not say for long whether it is armed."""
+        says = self.vehicle is None or self.vehicle.armed is not None or self.unknown_ns is None
+        unknown_ns = 0 if says else self.now - (self.unknown_ns or 0)
+        return max(self.silent_ns(), unknown_ns) >= limits.pilot_silence_limit_ns
+
+    def is_disarmed(self, limits: Limits) -> bool:
+        """Return True when it has said for long that it is disarmed, wherever it says that it stands."""
+        fresh = self.fresh(limits)
+        says = self.unarmed_ns is not None and fresh is not None and fresh.armed is False
+        return says and self.now - (self.unarmed_ns or 0) >= limits.pilot_silence_limit_ns
+
     def is_unknown(self, limits: Limits) -> bool:
         """Return True when it was unknown for too long whether it is armed, or on the ground."""
         return self.unknown_ns is not None and self.now - self.unknown_ns > limits.vehicle_unknown_limit_ns
