@@ -308,7 +308,9 @@ def test_a_limit_that_passed_while_the_engine_was_dead_ends_no_flight_that_goes_
     story = at(place)
     story.planner.flown_ns = -(10**13)
     story.disobeyed.clear()
-    effect = {"TAKEOFF lifting_off": "_lift_off", "HOLD confirming": "_on_hold", "HOLD resuming": "_on_resume"}.get(place)
+    effect = {"TAKEOFF lifting_off": "_lift_off", "HOLD confirming": "_on_hold", "HOLD resuming": "_on_resume"}.get(
+        place
+    )
     if effect is not None:
         getattr(story, effect)(*(() if effect == "_lift_off" else (None,)))
     story.pass_dead(IN_TIME[place])

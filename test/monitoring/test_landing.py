@@ -157,7 +157,7 @@ def test_a_judgement_without_the_autopilot_is_taken_back_when_it_says_that_it_fl
 
 
 @pytest.mark.parametrize("distance_m, near", [(0.15, True), (0.1501, False)])
-def test_the_ground_distance_itself_is_near_the_ground_in_words_too(distance_m: float, near: bool):
+def test_the_ground_distance_itself_is_near_the_ground_in_words_too(distance_m: float, *, near: bool):
     detector = LandingDetector(LandingSpec(min_samples=1, mounting_height_m=0.0, ground_distance_m=0.15))
     detector.add_autopilot(0, VehicleLanded.IN_AIR)
     detector.add_range(1, distance_m)

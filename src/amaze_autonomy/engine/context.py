@@ -218,8 +218,8 @@ class Context:
 
     def disarmed_for_long(self) -> bool:
         """Return True when the vehicle has said for long that it is disarmed, wherever it says that it stands."""
-        agreed = self.state.vehicle.disarmed
-        return agreed is not None and self.now - agreed.since_ns >= self.limits.pilot_silence_limit_ns and self.disarmed()
+        agreed, limit_ns = self.state.vehicle.disarmed, self.limits.pilot_silence_limit_ns
+        return agreed is not None and self.now - agreed.since_ns >= limit_ns and self.disarmed()
 
     def armed(self) -> bool:
         """Return True when the vehicle says, freshly, that it is armed."""

@@ -67,7 +67,8 @@ def at_takeoff_height(context: Context) -> Optional[Seen]:
     """The vehicle is at takeoff height, and several statuses have said that it flies."""
     status, limit = context.vehicle(), context.limits.takeoff_height_m
     reached = status is not None and status.height_m is not None and status.height_m >= limit
-    return holds_if(reached and context.state.flight.was_airborne, Value("height", status.height_m if status else None, limit, "m"))
+    height = Value("height", status.height_m if status else None, limit, "m")
+    return holds_if(reached and context.state.flight.was_airborne, height)
 
 
 def taken_over(context: Context) -> Optional[Seen]:
@@ -156,7 +157,8 @@ def nobody_knows(context: Context) -> Optional[Seen]:
     """The pilot was alarmed; it is not heard any more, nor whether it is armed and has landed, or long disarmed."""
     state, status = context.state, context.state.peers.autopilot
     unknown = passed("vehicle_unknown_limit", state, context.rules, context.now)
-    alarmed = state.landing.alarmed or state.landing.lost_alarmed
+    landing = state.landing
+    alarmed = landing.alarmed or landing.lost_alarmed or landing.overdue_alarmed
     silent = alarmed and (context.vehicle() is None or unknown or context.disarmed_for_long())
     return holds_if(silent, Value("last heard armed", status.armed if status is not None else None))
 

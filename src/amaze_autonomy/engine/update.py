@@ -361,13 +361,12 @@ def _battery_known_ns(event: AutopilotStatus, now_ns: int, before_ns: Optional[i
 
 
 def _control(context: Context, event: AutopilotStatus, *, again: bool = False) -> None:
-    """Note who has control by a status, or by the same one again in another light; an old link says nothing of it."""
-    if context.vehicle() is None:
-        return
+    """Note who has control by a status, or by the same one again in another light; an old one denies nothing."""
     reason, before = _taken_by(context, event), context.state.vehicle.takeover
     disarmed = context.state.vehicle.disarmed
     once = context.state.flight.active and disarmed is not None and disarmed.statuses == 1
-    if (again and reason) or (once and before is not None and before.statuses > 1):
+    old = not reason and context.vehicle() is None
+    if old or (again and reason) or (once and before is not None and before.statuses > 1):
         return  # a single disarmed status in flight does not deny what two have said
     agreed = _follow(before, context.now, says=bool(reason))
     if agreed is not before:
