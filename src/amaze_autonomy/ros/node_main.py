@@ -37,7 +37,7 @@ from .reconnector import Reconnector
 from .rospy_flaws import ask_master, mend_rospy
 
 _START_ERROR = 2
-UMASK = 0o027  # recordings, journals and sessions are for their user and group: 0750 and 0640
+_UMASK = 0o027  # recordings, journals and sessions are for their user and group: 0750 and 0640
 _LONGEST_S = 3600.0
 _SHOWN = 100  # characters of what a stranger has set
 _LEAVE_S = 1.0  # for the last words of a node that the master ends, e.g. that it lands; the master waits meanwhile
@@ -337,13 +337,18 @@ def begin(name: str) -> None:
     """
     sys.stdout, sys.stderr = Outlet(sys.stdout), Outlet(sys.stderr)  # before rospy keeps both for its log
     atexit.register(say_last_words)
-    os.umask(UMASK)
+    write_for_user_and_group()
     mend_rospy()
     for number in END_SIGNALS:
         signal.signal(number, lambda *_: os._exit(0))  # an exception could be lost in rospy
     rospy.init_node(name, argv=sys.argv, disable_signals=True)
     ask_master()
     detach_files()
+
+
+def write_for_user_and_group() -> None:
+    """Have what this process and its programs write from here on be for its user and group, whoever started it."""
+    os.umask(_UMASK)
 
 
 def take_precedence(nice: int) -> str:

@@ -19,7 +19,6 @@ It ends when the recording does: exit status 0, or 1 and a line that says what d
 from __future__ import annotations
 
 import json
-import os
 import sys
 import threading
 import time
@@ -199,7 +198,7 @@ def main() -> int:
     answered = answer_words("recorded_peers", __doc__)
     if answered is not None:
         return answered
-    os.umask(node_main.UMASK)
+    node_main.write_for_user_and_group()
     mend_rospy()
     rospy.init_node("recorded_peers")
     try:

@@ -6,7 +6,6 @@ which is made, for its owner alone, where there is none; it is printed with the 
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from pathlib import Path
@@ -22,7 +21,7 @@ from ...console.link import Happening, LinkClosed
 from ...console.ros_link import RosLink
 from ...ros.arguments import answer_words, configuration_folder, given, overrides
 from ...ros.errors import StartError
-from ...ros.node_main import UMASK
+from ...ros.node_main import write_for_user_and_group
 from .server import PageServer, token_of
 
 _ERROR = 2
@@ -33,7 +32,7 @@ def main() -> int:
     answered = answer_words("web", __doc__)
     if answered is not None:
         return answered
-    os.umask(UMASK)  # the folder of the token is that of the runs
+    write_for_user_and_group()  # the folder of the token is that of the runs
     file = given("token_file") or Path(rospkg.get_ros_home()) / "amaze_autonomy" / "web_token"
     try:
         token = token_of(Path(file).expanduser())
