@@ -16,6 +16,7 @@ pytest.importorskip("rospy")
 import rospy
 from std_msgs.msg import String
 
+from amaze_autonomy.ros import seldom, topic_reader
 from amaze_autonomy.ros.topic_reader import ALL, STAMP_BYTES, Tally, TopicReader, TopicStream, message_look
 
 
@@ -152,9 +153,18 @@ def test_waking_ends_the_wait_at_once(moment):
     assert not waiting.is_alive()
 
 
-def test_what_is_no_message_or_cannot_be_used_costs_that_one_alone(monkeypatch):
-    taken, said = [], []
-    monkeypatch.setattr(rospy, "logerr_throttle", lambda _period_s, text: said.append(text))
+@pytest.fixture
+def said(monkeypatch):
+    """What is said of an error, in a process that has said nothing yet."""
+    lines = []
+    monkeypatch.setattr(rospy, "logerr", lines.append)
+    monkeypatch.setattr(seldom, "_said_s", {})
+    return lines
+
+
+def test_what_is_no_message_or_cannot_be_used_costs_that_one_alone(monkeypatch, said):
+    taken = []
+    monkeypatch.setattr(topic_reader, "_SAY_AGAIN_S", 0.0)
 
     def take(message):
         if message.data == "worse":
@@ -170,3 +180,12 @@ def test_what_is_no_message_or_cannot_be_used_costs_that_one_alone(monkeypatch):
     assert taken == ["good", "well"]
     assert len(said) == 4
     assert "/topic: 9 bytes are no std_msgs/String that can be used (ValueError('cannot be used'))" in said
+
+
+def test_a_topic_that_is_damaged_all_the_time_does_not_silence_what_is_said_of_another_one(said):
+    for _publisher in range(2):  # a look is made for each connection
+        for topic in ("/topic", "/another"):
+            look = message_look(topic, String, lambda _message: None)
+            for _message in range(3):
+                look(memoryview(b"cut"))
+    assert [line.split(":")[0] for line in said] == ["/topic", "/another"]

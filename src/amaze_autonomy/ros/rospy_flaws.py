@@ -35,6 +35,7 @@ import rospy.core
 from rospy.impl.tcpros_base import TCPROSServer, TCPServer
 
 from .asker import note_accepted
+from .seldom import logerr_seldom
 
 
 def mend_rospy() -> None:
@@ -104,19 +105,19 @@ def _serve(server: Any) -> None:
             sock, address = server.server_sock.accept()
         except OSError as error:  # a time-out among them
             if not isinstance(error, (socket.timeout, ConnectionAbortedError)) and not server.is_shutdown:
-                _complain("no connection can be accepted", error)
+                _complain("accept", "no connection can be accepted", error)
                 time.sleep(_AGAIN_S)
             continue
         try:
             server.inbound_handler(sock, address)
         except Exception as error:
-            _complain(f"a connection from {address} cannot be served", error)
+            _complain("serve", f"a connection from {address} cannot be served", error)
             sock.close()
 
 
-def _complain(words: str, error: Exception) -> None:
+def _complain(subject: str, words: str, error: Exception) -> None:
     with suppress(Exception):  # there may be no memory for it: to go on is what counts
-        rospy.logerr_throttle(_SAY_AGAIN_S, f"{words}: {error!r}")
+        logerr_seldom(_SAY_AGAIN_S, f"{__name__} {subject}", f"{words}: {error!r}")
 
 
 _add = rospy.core._add_shutdown_hook

@@ -26,6 +26,7 @@ from rospy.impl.registration import Registration
 from rospy.topics import _SubscriberImpl, get_topic_manager
 
 from .errors import StartError
+from .seldom import logerr_seldom
 
 _log = logging.getLogger(__name__)
 
@@ -335,8 +336,7 @@ def message_look(topic: str, kind: Type[Any], take: Callable[[Any], None]) -> Lo
         try:
             take(kind().deserialize(bytes(data)))
         except Exception as error:  # genpy raises whatever struct, codecs and its own code raise
-            rospy.logerr_throttle(
-                _SAY_AGAIN_S, f"{topic}: {len(data)} bytes are no {kind._type} that can be used ({error!r})"
-            )
+            words = f"{topic}: {len(data)} bytes are no {kind._type} that can be used ({error!r})"
+            logerr_seldom(_SAY_AGAIN_S, topic, words)
 
     return look
