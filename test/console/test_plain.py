@@ -57,7 +57,7 @@ def test_the_first_state_is_told_whole():
         "node /realsense: connection refused",
         "FAULT     lrf code 8: wait, then land, 8 s left (restart limit): "
         "no message on /lrf/range for longer than 0.3 s",
-        "PROGRESS  waypoint 3 of 8",
+        "PROGRESS  waypoint 3 of 8, 2 reached",
         "RECORDING recording",
         "WAIT      lrf, realsense_camera",
         "ADVICE    Wait, or land.",

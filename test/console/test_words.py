@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.console import words
-from amaze_autonomy.console.model import Telemetry
+from amaze_autonomy.console.model import Snapshot, Telemetry
 from amaze_autonomy.engine.events import Check, Verdict
 
 
@@ -120,3 +120,31 @@ def test_levels_of_messages():
         "ALARM",
         "ALARM",
     ]
+
+
+# --- waypoints --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "state, step, landed, waypoint, reached, shown",
+    [
+        ("TAKEOFF", "arming", "ON_GROUND", 0, 0, "0 of 5"),
+        ("TAKEOFF", "lifting_off", "ON_GROUND", 1, 0, "1 of 5, 0 reached"),
+        ("MISSION", "flying", "IN_AIR", 3, 2, "3 of 5, 2 reached"),
+        ("MISSION", "flying", "IN_AIR", 5, 4, "5 of 5, 4 reached"),
+        ("MISSION", "flying", "LANDING", 5, 5, "5 of 5 reached"),
+        ("MISSION", "touchdown", "ON_GROUND", 5, 5, "5 of 5 reached"),
+        ("HOLD", "holding", "IN_AIR", 3, 2, "3 of 5, 2 reached"),
+        ("LAND", "commanding", "IN_AIR", 3, 2, "3 of 5, 2 reached"),
+        ("LAND", "descending", "IN_AIR", 2, 2, "2 of 5 reached"),
+        ("LAND", "descending", "LANDING", 0, 0, "0 of 5 reached"),
+        ("MISSION", "flying", "ON_GROUND", 5, 5, "5 of 5 reached"),
+        ("MISSION", "flying", "ON_GROUND", 3, 2, "3 of 5, 2 reached"),
+        ("PILOT", "", "IN_AIR", 3, 2, "3 of 5"),
+        ("PILOT", "", "ON_GROUND", 3, 2, "3 of 5"),
+    ],
+)
+def test_the_waypoint_that_is_flown_to_is_not_reached(state, step, landed, waypoint, reached, shown):
+    telemetry = Telemetry(landed=landed)
+    said = Snapshot(state=state, step=step, waypoint=waypoint, waypoints=5, telemetry=telemetry)
+    assert (words.waypoints_reached(said), words.waypoint_words(said)) == (reached, shown)

@@ -122,7 +122,7 @@ def test_the_track_begins_anew_with_each_mission_and_stands_until_then():
 
 
 def test_the_waypoint_is_said_while_it_flies():
-    assert "waypoint 2 of 5" in state_of(replace(FLYING, waypoint=2, waypoints=5))["where"]
+    assert "waypoint 2 of 5, 1 reached" in state_of(replace(FLYING, waypoint=2, waypoints=5))["where"]
     assert not any("waypoint" in each for each in state_of(replace(FLYING, waypoints=0))["where"])
     landed = replace(FLYING, state="MISSION_ENDED", in_flight=False, waypoint=5, waypoints=5)
     assert not any("waypoint" in each for each in state_of(landed)["where"])

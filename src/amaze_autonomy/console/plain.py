@@ -20,7 +20,7 @@ from .model import Desk, MissionRow, PendingFailure, Snapshot, Verdict
 from .session import CLOSED, Session
 from .terminal import Wake, read_if_ready
 from .wire import clean
-from .words import age, duration, fraction, level, limits, quantity, seconds
+from .words import age, duration, fraction, level, limits, quantity, seconds, waypoint_words
 
 _SLOW_S = 3.0
 
@@ -130,8 +130,8 @@ def _check_line(check: Check) -> str:
 
 
 def _progress(old: Snapshot, new: Snapshot, left_s: Optional[float]) -> Iterator[str]:
-    if new.waypoints and (old.waypoint, old.waypoints) != (new.waypoint, new.waypoints):
-        yield f"PROGRESS  waypoint {new.waypoint} of {new.waypoints}"
+    if new.waypoints and waypoint_words(old) != waypoint_words(new):
+        yield f"PROGRESS  waypoint {waypoint_words(new)}"
     tenth = None if new.recording_progress is None else floor(new.recording_progress * 10)
     last = None if old.recording_progress is None else floor(old.recording_progress * 10)
     if new.recording_phase and (old.recording_phase, last) != (new.recording_phase, tenth):

@@ -7,7 +7,7 @@ from typing import NamedTuple, Optional, Tuple
 
 from ..engine.events import Check
 from ..journal.report import limit_words
-from .model import Telemetry
+from .model import Snapshot, Telemetry
 
 _UNKNOWN = "-"
 _THREE_DIGITS = 100.0
@@ -67,6 +67,34 @@ def duration(value_s: Optional[float]) -> str:
     if minutes == 0:
         return f"{rest} s"
     return f"{minutes} min {rest:02d} s" if rest else f"{minutes} min"
+
+
+# --- waypoints --------------------------------------------------------------------------------------------------------
+
+
+def waypoints_reached(said: Snapshot) -> int:
+    """Return how many waypoints of the file were reached, as far as it is sure."""
+    return said.waypoint if _tells_reached(said) else max(0, said.waypoint - 1)
+
+
+def waypoint_words(said: Snapshot) -> str:
+    """Return the waypoint that it flies to and how many were reached, e.g. "3 of 8, 2 reached" or "8 of 8 reached"."""
+    words = f"{said.waypoint} of {said.waypoints}"
+    if _tells_reached(said):
+        return f"{words} reached"
+    return words if said.waypoint == 0 or said.state == "PILOT" else f"{words}, {waypoints_reached(said)} reached"
+
+
+def _tells_reached(said: Snapshot) -> bool:
+    """Return True where the waypoint that is told was reached: the planner tells that one from the landing on.
+
+    Before that it tells the one that it flies to. Of a flight of the pilot it is not known which of both it is.
+    """
+    if said.state in ("TAKEOFF", "PILOT"):
+        return False
+    at_end = said.state == "MISSION" and said.waypoint == said.waypoints
+    landed = said.telemetry.landed
+    return said.step in ("descending", "touchdown") or landed == "LANDING" or (at_end and landed == "ON_GROUND")
 
 
 # --- telemetry --------------------------------------------------------------------------------------------------------

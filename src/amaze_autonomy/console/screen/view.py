@@ -19,7 +19,7 @@ from rich.text import Text
 from ..dialog import oldest_open
 from ..keys import QUIT_KEY, offered
 from ..model import Desk, Snapshot
-from ..words import fraction, level, readings, seconds
+from ..words import fraction, level, readings, seconds, waypoint_words, waypoints_reached
 from .band import band
 from .style import Style, Tone, tone_of_answer, tone_of_level
 from .tables import checks_table, failures_table, missions_table
@@ -230,8 +230,8 @@ def progress(desk: Desk, snapshot: Snapshot, now_s: float, width: int, style: St
     bar = min(40, max(10, width - 45))
     lines: List[str] = []
     if snapshot.state in _FLYING and snapshot.waypoints > 0:
-        done = min(1.0, snapshot.waypoint / snapshot.waypoints)
-        lines.append(f"waypoint   {style.bar(done, bar)}  {snapshot.waypoint} of {snapshot.waypoints}")
+        done = min(1.0, waypoints_reached(snapshot) / snapshot.waypoints)
+        lines.append(f"waypoint   {style.bar(done, bar)}  {waypoint_words(snapshot)}")
     if snapshot.recording_phase not in ("", "IDLE"):
         lines.append(f"recording  {_recording(snapshot, bar, style)}")
         if left_s is not None and snapshot.recording_phase in _COLLECTING:

@@ -22,7 +22,7 @@ from ...console.model import STALE_AFTER_S, Desk, PendingFailure, Request, Reque
 from ...console.screen.style import tone_of_check, tone_of_code, tone_of_state
 from ...console.screen.tables import action_words
 from ...console.wire import clean
-from ...console.words import OLD_S, age, duration, fraction, limits, quantity, readings
+from ...console.words import OLD_S, age, duration, fraction, limits, quantity, readings, waypoint_words
 from ...engine.events import SAFE, Check, UserCommand
 from ...missions import Frame, MissionPlan, outlines
 
@@ -197,7 +197,7 @@ def state_of(snapshot: Snapshot) -> Dict[str, Any]:
         flown,
         f"file {snapshot.file_index + 1} of {snapshot.files}" if snapshot.files > 1 else "",
         f"repetition {snapshot.repetition + 1} of {snapshot.repetitions}" if snapshot.repetitions > 1 else "",
-        f"waypoint {snapshot.waypoint} of {snapshot.waypoints}" if snapshot.in_flight and snapshot.waypoints else "",
+        f"waypoint {waypoint_words(snapshot)}" if snapshot.in_flight and snapshot.waypoints else "",
         f"then mission {', '.join(snapshot.queue)}" if snapshot.queue else "",
     ]
     if snapshot.state == "MISSION_ENDED" and snapshot.result:
