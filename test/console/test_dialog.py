@@ -8,8 +8,9 @@ import pytest
 from console_scenes import MISSIONS, NOW_S, SCENES
 
 from amaze_autonomy.console.dialog import answered, listed, noted, press, received, tick, typed
-from amaze_autonomy.console.model import Answer, CommandAnswer, Question, Request, RequestKind, Verdict
-from amaze_autonomy.engine.events import UserCommand
+from amaze_autonomy.console.model import Answer, CommandAnswer, Desk, Question, Request, RequestKind, Snapshot, Verdict
+from amaze_autonomy.engine.events import Check, UserCommand
+from amaze_autonomy.engine.events import Verdict as CheckVerdict
 
 HOLD, MISSION, INPUT = SCENES["hold"], SCENES["mission"], replace(SCENES["mission-input"], listed_s=NOW_S)
 LAND = Request(RequestKind.COMMAND, 1, UserCommand.LAND, sent_s=NOW_S)
@@ -452,3 +453,19 @@ def test_quit_as_a_line():
 def test_a_question_that_was_answered_is_gone():
     question = Question("Sure?", replace(LAND, id=0), NOW_S)
     assert typed(replace(HOLD, question=question), "y", NOW_S)[0].question is None
+
+
+# --- ages of the pre-flight table -------------------------------------------------------------------------------------
+
+
+def test_the_age_of_a_row_goes_on_counting_until_it_is_judged_anew():
+    rows = (Check("battery", CheckVerdict.PASS, 0.8, age_s=0.5), Check("home", CheckVerdict.PASS))
+    said = Snapshot(state="PREFLIGHT", checks=rows)
+    desk = received(Desk(), said, NOW_S, 1.0)
+    assert [row.age_s for row in desk.checks(NOW_S + 2.0)] == [3.5, None]
+    desk = received(desk, replace(said, message="the same rows"), NOW_S + 10.0)
+    assert [row.age_s for row in desk.checks(NOW_S + 10.0)] == [11.5, None]
+    assert desk.checks(NOW_S + 10.0)[0].value == 0.8
+    anew = (replace(rows[0], age_s=0.25), rows[1])
+    desk = received(desk, replace(said, checks=anew), NOW_S + 20.0)
+    assert [row.age_s for row in desk.checks(NOW_S + 20.0)] == [0.25, None]

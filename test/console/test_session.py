@@ -208,6 +208,15 @@ def test_what_the_recorder_says_of_its_phase_is_stamped_and_counts_down(console)
     assert [console.session.desk.remaining_s(now_s) for now_s in (7.0, 9.5, 10.0, 10.1)] == [12.0, 9.5, 9.0, None]
 
 
+def test_what_was_old_when_it_came_is_no_newer(console):
+    console.now_s = 100.0
+    console.happens(StateCame(SCENES["data-cleanup-merging"].snapshot, age_s=2.0))
+    console.happens(CollectingCame(Collecting("20261121T101431-001", "MERGING", 12.0), age_s=2.0))
+    desk = console.session.desk
+    assert (desk.age_s(100.5), desk.heard(100.9), desk.heard(101.1)) == (2.5, True, False)
+    assert [desk.remaining_s(now_s) for now_s in (100.0, 100.5, 101.1)] == [10.0, 9.5, None]
+
+
 @pytest.mark.parametrize(
     "said",
     [

@@ -50,6 +50,15 @@ def test_of_an_autopilot_that_nobody_has_heard_nothing_is_said():
 
 
 @pytest.mark.parametrize(
+    "passed_s, shown, warns",
+    [(0.0, "0.20 s", False), (1.0, "1.2 s", False), (1.4, "1.6 s", True), (7.2, "7.4 s", True)],
+)
+def test_the_age_of_the_link_goes_on_counting(passed_s, shown, warns):
+    said = Telemetry(age=0.1, link_age=0.2)
+    assert words.Reading("link", shown, "", warns) in words.readings(said, passed_s)
+
+
+@pytest.mark.parametrize(
     "said, shown, warns",
     [
         (Telemetry(), "-", False),

@@ -30,12 +30,12 @@ Turn = Tuple[Desk, Tuple[Request, ...]]
 # --- the engine speaks ---
 
 
-def received(desk: Desk, snapshot: Snapshot, now_s: float) -> Desk:
-    """Take in a state."""
+def received(desk: Desk, snapshot: Snapshot, now_s: float, age_s: float = 0.0) -> Desk:
+    """Take in a state that is so old by now."""
     before = desk.snapshot
     if before is not None and not desk.heard(now_s):
         desk = _list_anew(desk)
-    desk = replace(desk, snapshot=snapshot, received_s=now_s, link="")
+    desk = desk.with_state(snapshot, now_s - age_s)
     if before is not None and before.state != snapshot.state:
         desk = replace(desk, scroll=0)
     if before is not None and before.takes_mission and not snapshot.takes_mission:

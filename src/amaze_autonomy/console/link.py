@@ -7,25 +7,30 @@ from __future__ import annotations
 
 import abc
 import queue
+from collections import deque
 from dataclasses import dataclass
-from typing import List, Optional, Tuple, Union
+from typing import Deque, List, Optional, Tuple, Union
 
 from .model import Collecting, MissionRow, Note, Request, Snapshot, Verdict
 from .terminal import Wake
 
+_LATELY = 20  # messages: a clock that was set is believed after so many
+
 
 @dataclass(frozen=True)
 class StateCame:
-    """The engine's state."""
+    """The engine's state; `age_s` when it came."""
 
     snapshot: Snapshot
+    age_s: float = 0.0
 
 
 @dataclass(frozen=True)
 class CollectingCame:
-    """What the recorder says of its phase."""
+    """What the recorder says of its phase; `age_s` when it came."""
 
     collecting: Collecting
+    age_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,35 @@ class LinkClosed:
 Happening = Union[
     StateCame, CollectingCame, MessagesCame, MissionsCame, AnswerCame, MissionWanted, LinkSays, LinkClosed
 ]
+
+
+class Arrivals:
+    """How old the messages of one topic are when they come, by their stamps.
+
+    A message that comes once more (a latched one, after a connection broke) is as old as it is; one that was longer
+    under way than the others lately is that much older than they were. The clock of the stamps may be apart from ours,
+    and may be set: only what the stamps of several messages differ by is used. So the first one counts as new.
+    """
+
+    def __init__(self) -> None:
+        self._took_s: Deque[float] = deque(maxlen=_LATELY)
+        self._stamp_s = self._sent_s = 0.0
+
+    def age_s(self, stamp_s: float, now_s: float) -> float:
+        """Return how old a message is that comes now.
+
+        Args:
+            stamp_s: of it, on the clock of whoever sent it; 0: it has none.
+            now_s: on a clock of ours that is never set.
+        """
+        if stamp_s <= 0.0:
+            return 0.0
+        if stamp_s != self._stamp_s:
+            if stamp_s < self._stamp_s:
+                self._took_s.clear()  # that clock was set
+            self._took_s.append(now_s - stamp_s)
+            self._stamp_s, self._sent_s = stamp_s, stamp_s + min(self._took_s)
+        return max(0.0, now_s - self._sent_s)
 
 
 class Mailbox:

@@ -7,7 +7,7 @@ Times named `_s` without another word are seconds on the console's own monotonic
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import floor
 from typing import Dict, List, Optional, Tuple
 
@@ -173,7 +173,7 @@ class Collecting:
         session_id: of the recording.
         phase: by its name.
         remaining_s: time left of the phase; None: unknown.
-        at_s: when it came.
+        at_s: when it was new: when it came, or before.
         platforms: the recording on each.
     """
 
@@ -270,7 +270,8 @@ class Desk:
         engine: name space of the engine, for the user.
         started_s: when the console started.
         snapshot: the engine's last state; None: never heard of it.
-        received_s: when it came.
+        received_s: when it was new: when it came, or before.
+        judged_s: of each row of its pre-flight table, when that row was new.
         collecting: what the recorder said last; None: never heard of it.
         link: what the connection waits for, in words; empty when nothing.
         missions: that can be selected; None: not known yet.
@@ -294,6 +295,7 @@ class Desk:
     started_s: float = 0.0
     snapshot: Optional[Snapshot] = None
     received_s: float = 0.0
+    judged_s: Tuple[float, ...] = ()
     collecting: Optional[Collecting] = None
     link: str = ""
     missions: Optional[Tuple[MissionRow, ...]] = None
@@ -313,8 +315,23 @@ class Desk:
     page: str = ""
 
     def age_s(self, now_s: float) -> float:
-        """Return how long ago the last state came."""
+        """Return how old the last state is."""
         return max(0.0, now_s - self.received_s)
+
+    def with_state(self, snapshot: Snapshot, new_s: float) -> Desk:
+        """Return it with a state that was new then; a row of its table that is as it was is not judged anew."""
+        known = dict(zip(() if self.snapshot is None else self.snapshot.checks, self.judged_s))
+        judged_s = tuple(known.get(each, new_s) for each in snapshot.checks)
+        return replace(self, snapshot=snapshot, received_s=new_s, judged_s=judged_s, link="")
+
+    def checks(self, now_s: float) -> Tuple[Check, ...]:
+        """Return the pre-flight table; the ages, which are told of the moment of the judgement, are of now."""
+        rows = () if self.snapshot is None else self.snapshot.checks
+        since_s = self.judged_s or (self.received_s,) * len(rows)
+        return tuple(
+            row if row.age_s is None else replace(row, age_s=row.age_s + max(0.0, now_s - judged_s))
+            for row, judged_s in zip(rows, since_s)
+        )
 
     def remaining_s(self, now_s: float) -> Optional[float]:
         """Return the time left of the recording's phase that is shown; None: unknown, or the recorder is silent."""

@@ -12,6 +12,7 @@ import rospy
 
 from amaze_autonomy.console.link import (
     AnswerCame,
+    Arrivals,
     CollectingCame,
     Happening,
     Link,
@@ -60,6 +61,7 @@ class RosLink(Link):
     def __init__(self, post: Callable[[Happening], None], engine: Optional[str], *, quiet: bool) -> None:
         self._post, self._engine, self._quiet = post, engine, quiet
         self._heard_s = 0.0
+        self._states, self._recordings = Arrivals(), Arrivals()
         self._closed = threading.Event()
         self._subscribers: List[rospy.Subscriber] = []
         self._services: Dict[str, ServiceClient] = {}
@@ -136,13 +138,13 @@ class RosLink(Link):
 
     def _on_state(self, message: AutonomyState) -> None:
         self._heard_s = time.monotonic()
-        self._post(StateCame(snapshot_of(message)))
+        self._post(StateCame(snapshot_of(message), _age_s(self._states, message)))
 
     def _on_messages(self, message: OperatorMessages) -> None:
         self._post(MessagesCame(*notes_of(message)))
 
     def _on_recording(self, message: RecordingStatus) -> None:
-        self._post(CollectingCame(collecting_of(message)))
+        self._post(CollectingCame(collecting_of(message), _age_s(self._recordings, message)))
 
     def _repair(self) -> None:
         """Subscribe anew when the engine is silent because the master was started anew and has forgotten us."""
@@ -200,6 +202,13 @@ def _is_known() -> bool:
     except rosgraph.MasterError:
         return False
     return True
+
+
+def _age_s(arrivals: Arrivals, message: Any) -> float:
+    """Return how old a message is; simulated time may stand, or be faster than we are: then nothing is known of it."""
+    if not rospy.rostime.is_wallclock():
+        return 0.0
+    return arrivals.age_s(message.header.stamp.to_sec(), time.monotonic())
 
 
 def _names(parameter: Any) -> Tuple[str, ...]:

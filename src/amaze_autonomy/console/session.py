@@ -117,10 +117,11 @@ class Session:
 
     def _apply(self, happening: Happening) -> None:
         if isinstance(happening, StateCame):
-            self.desk = dialog.received(self.desk, happening.snapshot, self.now())
+            self.desk = dialog.received(self.desk, happening.snapshot, self.now(), happening.age_s)
             self._look_for_the_end(happening.snapshot)
         elif isinstance(happening, CollectingCame):
-            self.desk = replace(self.desk, collecting=replace(happening.collecting, at_s=self.now()))
+            said = replace(happening.collecting, at_s=self.now() - happening.age_s)
+            self.desk = replace(self.desk, collecting=said)
         elif isinstance(happening, MessagesCame):
             self.desk = dialog.noted(self.desk, happening.run, happening.notes)
         elif isinstance(happening, MissionsCame):

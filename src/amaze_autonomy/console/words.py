@@ -115,13 +115,13 @@ _NEAR = 0.9  # of a limit
 _NO_FIX = ("no GPS", "no fix", "2D")
 
 
-def readings(said: Telemetry) -> Tuple[Reading, ...]:
-    """Return what a pilot reads in flight, in the order of an instrument panel."""
+def readings(said: Telemetry, passed_s: float = 0.0) -> Tuple[Reading, ...]:
+    """Return what a pilot reads in flight, in the order of an instrument panel; `passed_s` since it was said."""
     low = said.battery_fraction is None or said.battery_fraction <= (said.battery_limit or 0.0) + 0.1
     volts, lands = _tenths(said.battery_voltage, "V"), _limit("lands at", fraction(said.battery_limit))
     flown, longest = said.flight_time, said.flight_time_limit
-    old = said.age is None or said.age > OLD_S
-    link_s = max(said.age or 0.0, said.link_age or 0.0) if said.link_age is not None else None
+    old = said.age is None or said.age + passed_s > OLD_S
+    link_s = max(said.age or 0.0, said.link_age or 0.0) + passed_s if said.link_age is not None else None
     return (
         Reading(
             "battery",

@@ -88,7 +88,7 @@ class Screen:
             return
         yield ""
         yield _message(snapshot, self._style)
-        yield from telemetry(snapshot, self._style)
+        yield from telemetry(snapshot, self._desk.age_s(self._now_s), self._style)
         if snapshot.failures:
             yield ""
             yield failures_table(snapshot, self._desk.age_s(self._now_s), self._style)
@@ -102,7 +102,7 @@ class Screen:
             check.passed for check in snapshot.checks
         ):  # else it is not about them
             yield ""
-            yield checks_table(snapshot.checks, width, room - 1, self._style)
+            yield checks_table(self._desk.checks(self._now_s), width, room - 1, self._style)
 
     def _missions(self, _width: int, _room: int) -> Iterator[RenderableType]:
         if self._desk.snapshot is None or not self._desk.snapshot.takes_mission:
@@ -203,12 +203,18 @@ def _keys(desk: Desk, now_s: float, style: Style) -> Text:
 # --- telemetry --------------------------------------------------------------------------------------------------------
 
 
-def telemetry(snapshot: Snapshot, style: Style) -> List[RenderableType]:
-    """Return what the vehicle says of itself while it flies, what is to be looked at on a background."""
+def telemetry(snapshot: Snapshot, passed_s: float, style: Style) -> List[RenderableType]:
+    """Return what the vehicle says of itself while it flies, what is to be looked at on a background.
+
+    Args:
+        snapshot: that says it.
+        passed_s: since it was new.
+        style: how it looks.
+    """
     if not snapshot.in_flight or snapshot.telemetry.age is None:
         return []
     line = Text(overflow="fold")
-    for each in readings(snapshot.telemetry):
+    for each in readings(snapshot.telemetry, passed_s):
         limit = f" ({each.limit})" if each.warn and each.limit else ""
         value = style.text(f"{each.value}{limit}", Tone.WARN if each.warn else Tone.STRONG)
         line.append(f"{each.name} ").append_text(value).append("   ")

@@ -83,13 +83,13 @@ class Board:
                 self._listed_s = -_LIST_AGAIN_S  # batteries and files may differ by now
             if desk.snapshot is not None and not desk.heard(now_s):
                 self._forget_missions()
-            self.desk = replace(self.desk, snapshot=happening.snapshot, received_s=now_s, link="")
-            self._put("state", state_of(happening.snapshot))
+            self.desk = self.desk.with_state(happening.snapshot, now_s - happening.age_s)
+            self._put("state", state_of(replace(happening.snapshot, checks=self.desk.checks(now_s))))
             if desk.collecting is not None:
                 self._put("recording", recording_of(self.desk, now_s))
             self._add_sample(happening.snapshot, now_s)
         elif isinstance(happening, CollectingCame):
-            self.desk = replace(desk, collecting=replace(happening.collecting, at_s=now_s))
+            self.desk = replace(desk, collecting=replace(happening.collecting, at_s=now_s - happening.age_s))
             self._put("recording", recording_of(self.desk, now_s))
         elif isinstance(happening, MessagesCame):
             if desk.run not in ("", happening.run):
