@@ -368,8 +368,8 @@ def test_a_topic_that_is_not_utf_8_is_shown_merged_and_verified(capsys, tmp_path
 def test_the_script_starts_it():
     assert (ROOT / "scripts" / "amaze-bag").read_text().splitlines() == [
         "#!/usr/bin/env python3",
-        "from amaze_autonomy.bags.cli import main",
-        "raise SystemExit(main())",
+        "from amaze_autonomy.start import amaze_bag",
+        "raise SystemExit(amaze_bag())",
     ]
 
 
