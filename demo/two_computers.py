@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Dict, List, NoReturn, Tuple
 
 from computers import FAR, NEAR, Computer, Unavailable, came, check, lay_cable, make_keys, start_sshd, tool
+from ports import WEB, free_ports
 
 ROOT = Path(__file__).resolve().parents[1]
 DEMO = ROOT / "build" / "demo"
@@ -88,12 +89,24 @@ def private_folder() -> Path:
 def split(arguments: List[str]) -> Tuple[Path, List[str], List[str]]:
     """Return the output folder, the other arguments, and those of them that the other computer needs, too."""
     given = dict(each.split(":=", 1) for each in arguments if ":=" in each)
-    output = Path(given.pop("output", DEMO / time.strftime("%Y%m%dT%H%M%S"))).expanduser().resolve()
+    named = given.pop("output", None)
+    output = new_folder(DEMO / time.strftime("%Y%m%dT%H%M%S")) if named is None else Path(named).expanduser().resolve()
     shared = {name: value for name, value in given.items() if name in ("config", "overrides")}
     if "config" in shared:
         shared["config"] = str(Path(shared["config"]).expanduser().resolve())
     demo = [each for each in arguments if not each.startswith("output:=")]
     return output, demo, [f"{name}:={value}" for name, value in shared.items()]
+
+
+def new_folder(path: Path) -> Path:
+    """Make a folder, or the same with a number behind it where another demo has just made it; return which."""
+    folder = path
+    for number in range(2, 100):
+        with suppress(FileExistsError):
+            folder.mkdir(parents=True)
+            break
+        folder = path.with_name(f"{path.name}_{number}")
+    return folder
 
 
 def make_computers(cleanup: ExitStack, output: Path) -> Tuple[Computer, Computer, Dict[str, str]]:
@@ -162,14 +175,12 @@ def show_page(cleanup: ExitStack, near: Computer) -> int:
 
     A socket belongs to the network in which it was made: one that listens here is accepted from over there.
     """
+    port = free_ports(cleanup, WEB, 1, socket.SOCK_STREAM, "127.0.0.1")
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listener.bind(("127.0.0.1", 8080))
-        except OSError:
-            listener.bind(("127.0.0.1", 0))
+        listener.bind(("127.0.0.1", port))
         listener.listen()
-        number, port = listener.fileno(), int(listener.getsockname()[1])
+        number = listener.fileno()
         command = [sys.executable, str(ROOT / "demo" / "computers.py"), str(number), str(port)]
         near.start(cleanup, "TERM", command, pass_fds=(number,))
     return port

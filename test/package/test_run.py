@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import zipfile
@@ -153,6 +154,62 @@ def test_the_folder_of_a_demo_on_two_computers_is_in_the_home_too(monkeypatch, t
     output, demo, shared = two_computers.split(["output:=~/out", "config:=~/config"])
     assert (output, demo) == (tmp_path / "out", ["config:=~/config"])
     assert shared == [f"config:={tmp_path / 'config'}"]
+
+
+def test_two_demos_of_one_second_have_a_folder_each(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(ROOT / "demo"))
+    two_computers = importlib.import_module("two_computers")
+    made = [Path(function("new_folder", "new_folder flight", tmp_path).rstrip("\n")) for _ in range(3)]
+    assert made == [Path("flight"), Path("flight_2"), Path("flight_3")]
+    assert two_computers.new_folder(tmp_path / "flight") == tmp_path / "flight_4"
+    assert two_computers.new_folder(tmp_path / "another" / "flight") == tmp_path / "another" / "flight"
+    assert all((tmp_path / each).is_dir() for each in (*made, "flight_4", "another/flight"))
+
+
+class Ports:
+    """The ports of a demo, as long as it reads."""
+
+    def __init__(self):
+        command = [sys.executable, str(ROOT / "demo" / "ports.py")]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+    def taken(self):
+        master, vehicle, page = map(int, self._process.stdout.readline().split())
+        return {master, vehicle, vehicle + 1, page}
+
+    def end(self):
+        self._process.stdout.close()
+        assert self._process.wait(timeout=60) == 0
+
+
+def test_demos_that_are_started_at_once_have_no_port_in_common_though_none_is_open_yet():
+    demos = [Ports() for _ in range(4)]
+    ports = [demo.taken() for demo in demos]
+    for demo in demos:
+        demo.end()
+    assert len(set.union(*ports)) == 4 * len(ports)
+
+
+def test_the_ports_of_a_demo_that_has_ended_are_free_and_those_that_are_open_are_not():
+    with socket.socket() as stranger:
+        stranger.bind(("127.0.0.1", 0))
+        stranger.listen()
+        usual = stranger.getsockname()[1]
+        assert first_port(usual) != usual
+    assert first_port(usual) == usual
+    assert first_port(usual) == usual
+
+
+def first_port(usual):
+    """Ask for a port as a demo does that ends at once; return which it was."""
+    script = (
+        "import socket, sys; from contextlib import ExitStack; from ports import free_ports\n"
+        f"with ExitStack() as kept: print(free_ports(kept, {usual}, 1, socket.SOCK_STREAM, ''))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT / "demo", capture_output=True, text=True, check=True, timeout=60
+    )
+    return int(done.stdout)
 
 
 def test_the_system_packages_of_a_bundle_are_those_of_its_system(tmp_path):
