@@ -75,6 +75,27 @@ def test_a_listed_bag_with_damaged_data_lacks_what_is_damaged_and_the_rest_is_me
     assert digest(path) == original
 
 
+@pytest.mark.parametrize("listed", [False, True])
+def test_so_does_one_whose_damaged_chunk_is_compressed_and_overlaps_no_other(tmp_path, listed):
+    """A merge copies such a chunk as it is, and nobody would look into it before that."""
+    session = tmp_path / "s1_m"
+    for place, (platform, file) in enumerate((("main", "states-01.bag"), ("second", "realsense-01.bag"))):
+        (session / platform).mkdir(parents=True)
+        bag(session / platform / file, rows(f"/{platform}", 300, first_ms=20_000 * place), compression="bz2")
+        close_parts(session / platform, {**FACTS, "platform": platform})
+    path = session / "main" / "states-01.bag"
+    with Index(path) as index:
+        middle, messages = index.head(1).data + index.head(1).stored // 2, index.chunks[1].messages
+    write_at(path, middle, bytes([path.read_bytes()[middle] ^ 16]))
+    if not listed:
+        listed_first(path.parent)
+    summary = collect(plan(session))
+    (words,) = summary.lost
+    assert words.startswith("main/states-01.bag: ")
+    assert 600 - messages <= summary.messages < 600
+    assert manifest(session)["verified"]["ok"] is True
+
+
 def test_so_does_a_bag_in_place_that_is_damaged_after_it_was_listed(session):
     damage_data(session / "main" / "states-01.bag")
     (words,) = collect(plan(session)).lost

@@ -379,6 +379,7 @@ def _merged(plan: Plan, inputs: _Inputs, report: Optional[Report]) -> Dict[str, 
         duplicates=plan.duplicates,
         origins=tuple(inputs.origins),
         replace=True,
+        check_copied=True,  # who finds damage only in what was made cannot tell any more whose it is
     )
     merged = merge(inputs.paths, plan.output, options, _as_progress(report, Phase.MERGING))
     manifest = merge_manifest(merged, inputs.paths, options)

@@ -271,6 +271,18 @@ def test_damage_is_never_hidden(tmp_path, two, damage):
         verify(merge(two, tmp_path / "merged.bag").path, [], readers="none")
 
 
+@pytest.mark.parametrize("place", [0.1, 0.5, 0.99])
+def test_damage_in_an_image_is_refused_where_what_is_copied_is_checked(tmp_path, two, place):
+    begin, end = places_in_chunk(two[0], 3)
+    raw, whole = bytearray(two[0].read_bytes()), merge(two, tmp_path / "whole.bag", MergeOptions(check_copied=True))
+    assert digest(whole.path) == digest(merge(two, tmp_path / "unchecked.bag").path)
+    raw[begin + int(place * (end - begin))] ^= 1
+    two[0].write_bytes(raw)
+    with pytest.raises(BagError, match=r"1\.bag: the chunk at byte \d+ is damaged"):
+        merge(two, tmp_path / "merged.bag", MergeOptions(check_copied=True))
+    assert not (tmp_path / "merged.bag").exists()
+
+
 @given(st.data())
 def test_the_ends_of_blocks(data):
     chance = random.Random(data.draw(st.integers(0, 10**6)))

@@ -6,7 +6,7 @@ import itertools
 import os
 
 import pytest
-from bag_tools import COMPRESSIONS, MS, bag, contents, digest, left_over, multiset, rows, text
+from bag_tools import COMPRESSIONS, MS, bag, contents, digest, flipped, left_over, multiset, rows, text
 from hypothesis import given
 from hypothesis import strategies as st
 from replay_bags import START_NS, write_bag, write_empty_bag
@@ -220,6 +220,22 @@ def test_compressed_chunks_that_overlap_nothing_are_copied_as_they_are(tmp_path,
     assert result.chunks_copied == expected
     assert multiset(result.path) == multiset(*inputs)
     assert merged(tmp_path, inputs, compression="none", replace=True).chunks_copied == 0
+
+
+def test_damage_in_a_chunk_that_is_copied_is_the_inputs_and_refused_where_that_is_checked(tmp_path):
+    inputs = [bag(tmp_path / f"{each}.bag", rows("/a", 90, first_ms=each * 2000), compression="bz2") for each in (0, 1)]
+    with Index(inputs[1]) as index:
+        middle = index.head(1).data + index.head(1).stored // 2
+    raw = inputs[1].read_bytes()
+    flipped(inputs[1], raw, middle, 4)
+    with pytest.raises(BagError, match=r"1\.bag: the chunk at byte \d+ is damaged"):
+        merged(tmp_path, inputs, check_copied=True)
+    assert left_over(tmp_path) == []
+    result = merge(inputs, tmp_path / "merged.bag")
+    with pytest.raises(BagError, match=r"1\.bag: the chunk at byte \d+ is damaged"):
+        verify(result.path, inputs, readers="none")
+    inputs[1].write_bytes(raw)
+    assert merged(tmp_path, inputs, check_copied=True, replace=True).chunks_copied > 2
 
 
 def test_a_clock_that_was_wrong_is_corrected(tmp_path):

@@ -110,6 +110,7 @@ def _warnings(connections: Dict[int, Connection]) -> Tuple[str, ...]:
 
 _SAMPLE = 3
 _BESIDE = 200  # bytes that the output has for a chunk beside its data
+_CHECKED_TOGETHER = 4  # chunks that are decompressed at a time only to be checked: as many as there are workers do
 
 
 class Group(NamedTuple):
@@ -131,8 +132,11 @@ class Group(NamedTuple):
         return self.source.start_ns(self.chunks[0])
 
     def load(self, pool: Pool) -> List[Block]:
-        """Read, check and relabel the messages."""
-        return self.source.load(self.chunks, pool)
+        """Read, check and relabel the messages; none of a chunk that is copied as it is."""
+        if not self.verbatim:
+            return self.source.load(self.chunks, pool)
+        self.source.check_copied(self.chunks, pool)
+        return []
 
 
 class Source:
@@ -147,6 +151,7 @@ class Source:
         unseen: for each connection here, whether the bytes of its messages need not be seen.
         chunk_copies: loads chunks that are to stay compressed; None when none is.
         selection: of its messages; None: all.
+        checks_copied: whether what is copied compressed is decompressed all the same, to be checked.
 
     Raises:
         BagError: The index counts no message in a chunk that has some.
@@ -162,8 +167,10 @@ class Source:
         unseen: Any,
         chunk_copies: Optional[ChunkCopies] = None,
         selection: Optional[Selection] = None,
+        *,
+        checks_copied: bool = False,
     ) -> None:
-        self.index, self.number = index, number
+        self.index, self.number, self.checks_copied = index, number, checks_copied
         self._loader, self._chunk_copies = Loader(index, number, unseen), chunk_copies
         self._target, self._shift_ns, self._verbatim = target, shift_ns, verbatim
         chunks, self._selection = index.chunks, selection
@@ -235,6 +242,15 @@ class Source:
             blocks += self._loaded(kind, list(run), pool)
         return blocks if self._selection is None else [_selected(block, self._selection) for block in blocks]
 
+    def check_copied(self, numbers: List[int], pool: Pool) -> None:
+        """Decompress chunks that are copied compressed, and check them, where that is wanted.
+
+        Raises:
+            BagError: One is damaged.
+        """
+        for first in range(0, len(numbers) if self.checks_copied else 0, _CHECKED_TOGETHER):
+            pool.put(self._loader.compressed(numbers[first : first + _CHECKED_TOGETHER], pool).buffer)
+
     def _kind(self, number: int) -> str:
         if self.index.head(number).compression == "none":
             return "plain"
@@ -244,6 +260,7 @@ class Source:
         if self._chunk_copies and kind == "chunk_copy":
             block = self._chunk_copies.load(numbers, pool)
             if block is not None:
+                self.check_copied(numbers, pool)
                 check_times(self.index, numbers, block.table.t_ns - self._shift_ns)
                 return [block]
         load = self._loader.plain if kind == "plain" else self._loader.compressed
@@ -287,6 +304,8 @@ class MergeOptions(NamedTuple):
         replace: whether an existing output may be replaced.
         memory: bytes that the data of a chunk may take when it is decompressed.
         selection: of the messages of a single input; None: all.
+        check_copied: whether compressed chunks that are copied are decompressed as well, so that a damaged one is
+            refused; else damage in them is copied, and found by `verify`.
     """
 
     compression: str = "auto"
@@ -298,6 +317,7 @@ class MergeOptions(NamedTuple):
     replace: bool = False
     memory: int = MEMORY
     selection: Optional[Selection] = None
+    check_copied: bool = False
 
     def origins_of(self, count: int) -> Tuple[int, ...]:
         """Return where each of so many inputs was recorded."""
@@ -412,7 +432,8 @@ def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified,
             from .lz4_chunk_copy import ChunkCopies  # noqa: PLC0415  (a circle, and seldom wanted)
 
             chunk_copies = ChunkCopies(index, number, target, offset, ~watched)
-        sources.append(Source(index, number, target, offset, verbatim, unseen, chunk_copies, options.selection))
+        parts = (index, number, target, offset, verbatim, unseen, chunk_copies, options.selection)
+        sources.append(Source(*parts, checks_copied=options.check_copied))
     return sources
 
 
@@ -503,7 +524,9 @@ def _next(sources: List[Source]) -> Optional[Group]:
 
 
 def _start(reader: ThreadPoolExecutor, group: Optional[Group], pool: Pool) -> Optional[Future[List[Block]]]:
-    return None if group is None or group.verbatim else reader.submit(group.load, pool)
+    if group is None or (group.verbatim and not group.source.checks_copied):
+        return None
+    return reader.submit(group.load, pool)
 
 
 def _limit(group: Optional[Group], sources: List[Source]) -> Optional[int]:

@@ -12,8 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -331,14 +330,15 @@ def verify(
         selection: of the messages of each input that the output has; None: all.
 
     Raises:
-        BagError: A bag is damaged.
+        BagError: A bag is damaged: where an input is, that one is named, whose damage the output may have.
     """
     shifts = [0, *(offsets_ns or [0] * len(inputs))]
     paths = [output, *inputs]
     report = _together(paths, progress)
     selections = [None, *([selection] * len(inputs))]
     with ThreadPoolExecutor(2) as pool:
-        counted = list(pool.map(partial(count, memory=memory), paths, shifts, report, selections))
+        jobs = [pool.submit(count, *each, memory=memory) for each in zip(paths, shifts, report, selections)]
+        counted = _results(jobs)
     readings = read_with(output, every_message=readers == "read") if readers != "none" else []
     problems = disagreements(counted[0], readings)
     if not counted[0].ordered:
@@ -346,6 +346,16 @@ def verify(
     if inputs:
         problems = [*_differences(counted[0], counted[1:], duplicates or {}), *problems]
     return Verified(counted[0], tuple(counted[1:]), duplicates or {}, tuple(readings), tuple(problems))
+
+
+def _results(jobs: Sequence[Future[Counted]]) -> List[Counted]:
+    """Return the counts of output and inputs; what is wrong with an input counts first."""
+    try:
+        inputs = [job.result() for job in jobs[1:]]
+        return [jobs[0].result(), *inputs]
+    finally:
+        for job in jobs:
+            job.cancel()  # once one is damaged, nobody waits for the others
 
 
 def _together(paths: Sequence[Path], progress: Optional[Progress]) -> List[Optional[Progress]]:
