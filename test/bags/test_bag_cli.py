@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_tools import COMPRESSIONS, bag, digest, every_kill, multiset, rows, text, unclosed
+from bag_tools import COMPRESSIONS, MS, bag, digest, every_kill, multiset, rows, text, unclosed
 from replay_bags import START_NS
 
 from amaze_autonomy.bags.cli import main
@@ -248,6 +248,29 @@ def test_verify_finds_one_wrong_byte_and_one_wrong_time(capsys, tmp_path, two):
     assert (status, out.splitlines()[1]) == (
         3,
         "  problem: /b (std_msgs/String) has messages with other bytes or times than its inputs",
+    )
+
+
+def repeating(path, first, last, after_ms=0):
+    """Write a bag of a publisher that says the same each time."""
+    times = [START_NS + (each * 100 + after_ms) * MS for each in range(first, last)]
+    return bag(path, [(t_ns, "/armed", text("yes"), "/n") for t_ns in times])
+
+
+def test_merge_is_told_whose_files_its_inputs_are(capsys, tmp_path):
+    """What is said at the end of one file and again in the next one was published twice; a camera recorded it, too."""
+    files = [repeating(tmp_path / "main_0.bag", 0, 10), repeating(tmp_path / "main_1.bag", 10, 20)]
+    files.append(repeating(tmp_path / "camera.bag", 5, 15, after_ms=2))
+    output, dropping = tmp_path / "flight.bag", ("--duplicates", "drop", "--verify", "--readers", "none")
+    assert run(capsys, "merge", *files, "-o", output, *dropping, "--origins", "main,main,camera")[0] == 0
+    assert multiset(output) == multiset(*files[:2])
+    manifest = json.loads(manifest_path(output).read_text())
+    assert [entry["origin"] for entry in manifest["inputs"]] == [0, 0, 1]
+    assert run(capsys, "merge", *files, "-o", output, *dropping, "--force")[0] == 0
+    assert sum(multiset(output).values()) < 20
+    assert run(capsys, "merge", *files, "-o", output, "--force", "--origins", "main,camera")[::2] == (
+        1,
+        "amaze-bag: --origins: 2 origins for 3 inputs; give one each\n",
     )
 
 

@@ -67,6 +67,7 @@ examples:
   amaze-bag merge main_*.bag camera_*.bag -o flight.bag --compression lz4 --verify
   amaze-bag merge main.bag camera.bag -o flight.bag --offsets-s 0,-3.02     the camera's clock was 3.02 s ahead
   amaze-bag merge main.bag camera.bag -o flight.bag --duplicates drop       both recorded /rosout
+  amaze-bag merge main_0.bag main_1.bag camera.bag -o flight.bag --duplicates drop --origins main,main,camera
 """,
     "filter": """\
 examples:
@@ -149,14 +150,20 @@ def _add_merge(adder: Any) -> None:
     )
     merge.add_argument("--offsets-s", type=_seconds, default=(), metavar="S,S,...", help="added to each input's times")
     merge.add_argument(
-        "--duplicates", choices=("count", "drop", "ignore"), default="count", help="messages that several inputs have"
+        "--duplicates",
+        choices=("count", "drop", "ignore"),
+        default="count",
+        help="messages that inputs of several origins have; drop keeps the one that was recorded first",
     )
+    words = "who recorded each input, as main,main,camera: files of one recorder are not compared (default: all are)"
+    merge.add_argument("--origins", type=_names, default=(), metavar="NAME,NAME,...", help=words)
     merge.add_argument(
         "--window-s", type=_second, default=SECOND, metavar="S", help="in which duplicates are (default 1)"
     )
     merge.add_argument("--unify-publishers", action="store_true", help="one connection for all publishers of a topic")
     merge.add_argument("--force", action="store_true", help="replace an existing output")
-    merge.add_argument("--verify", action="store_true", help="then verify, as the command verify does")
+    words = "then verify, as the command verify does; without, nobody looks into chunks that stay compressed"
+    merge.add_argument("--verify", action="store_true", help=words)
     _add_readers(merge)
 
 
@@ -247,6 +254,13 @@ def _second(text: str) -> int:
 def _seconds(text: str) -> Tuple[int, ...]:
     parts: List[str] = text.split(",")
     return tuple(_second(part) for part in parts)
+
+
+def _names(text: str) -> Tuple[str, ...]:
+    names = tuple(part.strip() for part in text.split(","))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"{text!r} has an empty name")
+    return names
 
 
 # --- info and doctor --------------------------------------------------------------------------------------------------
@@ -344,14 +358,15 @@ def _merge(options: argparse.Namespace) -> bool:
     from .merge.manifest import manifest_path, merge_manifest, write_manifest
     from .merge.merge import MergeOptions, merge
 
-    if options.offsets_s and len(options.offsets_s) != len(options.inputs):
-        raise BagError(
-            "--offsets-s", f"{len(options.offsets_s)} offsets for {len(options.inputs)} inputs", "give one each"
-        )
+    for option, given in (("--offsets-s", options.offsets_s), ("--origins", options.origins)):
+        if given and len(given) != len(options.inputs):
+            what = option[2:].split("-")[0]
+            raise BagError(option, f"{len(given)} {what} for {len(options.inputs)} inputs", "give one each")
     how = MergeOptions(
         compression=options.compression,
         offsets_ns=options.offsets_s,
         duplicates=options.duplicates,
+        origins=tuple(map(list(dict.fromkeys(options.origins)).index, options.origins)),
         window_ns=options.window_s,
         publishers_apart=not options.unify_publishers,
         replace=options.force,
