@@ -87,13 +87,17 @@ _FORMATS = {
         "uint64_t timestamp;uint64_t time_utc_usec;int32_t lat;int32_t lon;int32_t alt;float vel_m_s;"
         "uint8_t fix_type;uint8_t satellites_used"
     ),
+    "sensor_gps": (
+        "uint64_t timestamp;double latitude_deg;double longitude_deg;double altitude_msl_m;float vel_m_s;"
+        "uint8_t fix_type;uint8_t satellites_used"
+    ),
     "distance_sensor": (
         "uint64_t timestamp;float min_distance;float max_distance;float current_distance;uint8_t orientation"
     ),
     "vehicle_air_data": "uint64_t timestamp;float baro_pressure_pa",
     "vehicle_magnetometer": "uint64_t timestamp;float[3] magnetometer_ga",
 }
-_PACK = {"uint64_t": "Q", "uint8_t": "B", "bool": "?", "float": "f", "int32_t": "i"}
+_PACK = {"uint64_t": "Q", "uint8_t": "B", "bool": "?", "float": "f", "double": "d", "int32_t": "i"}
 
 
 def ulog_rows(length_s=36.0, no_fix_s=(math.inf, math.inf)):
@@ -126,6 +130,12 @@ def _gps(t_s, fix):
     utc_us = START_NS // 1000 + round(t_s * 1e6)
     above_mm = 488_000 + int(1e3 * height_m(t_s))
     return utc_us, 473_977_420 + round(10 * t_s), 85_455_940, above_mm, 0.1, fix, 12
+
+
+def gps_rows(length_s):
+    """Return what PX4 since 1.14 logs of its GPS, in degrees."""
+    times = [step / 5 for step in range(int(length_s * 5))]
+    return [(t_s, "sensor_gps", (47.3977, 8.5456, 488.0 + height_m(t_s), 0.1, 3, 12)) for t_s in times]
 
 
 def write_ulog(path, rows, texts=()):

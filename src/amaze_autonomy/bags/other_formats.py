@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 import sqlite3
 import struct
+from collections import Counter
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -328,16 +329,21 @@ def _decoder(channel: Channel) -> Callable[[Any], Any]:
 # --- ULog -------------------------------------------------------------------------------------------------------------
 
 
-_ULOG_HEADER = 16
+_ULOG_HEADER, _ULOG_NAME = 16, 6  # where the first record begins; in one of kind A, the name of the topic
 _APPENDED = struct.Struct("<3Q")  # in the flags: where data was appended after a crash
 _GPS = ("vehicle_gps_position", "sensor_gps")
 _TEXTS = "/logged_messages"
+_LATEST_US = 1 << 53  # after 285 years; where a record was damaged, what is found behind it may be no text
 _FIX_3D = 3
 _STEP = re.compile(r"\w+|\[\d+\]")
 
 
-def _ulog(path: Path) -> OtherRecording:
-    """Open a ULog: pyulog reads all of it."""
+def _parsed(path: Path, data: bytes) -> Tuple[Any, List[str]]:
+    """Return what pyulog reads of a ULog, and the topics that were left out, as their messages have no time.
+
+    Raises:
+        BagError: It cannot be read.
+    """
     try:
         from pyulog.core import ULog, ULogException  # noqa: PLC0415  (an extra)
     except ImportError as error:
@@ -345,43 +351,116 @@ def _ulog(path: Path) -> OtherRecording:
     try:
         with redirect_stdout(StringIO()):  # it prints what it thinks of the file
             log: Any = ULog(str(path))
+            timeless = _timeless(log, data)
+            if timeless:  # at the first message of one, pyulog would end
+                log = ULog(str(path), [name for name in log.message_formats if name not in timeless])
     except (ULogException, OSError, ValueError, IndexError, KeyError, struct.error, TypeError) as error:
         raise BagError(str(path), f"is a damaged ULog ({error or type(error).__name__})", "name another") from error
     if log.file_corruption and not log.data_list:
         raise BagError(str(path), "is a damaged ULog: nothing in it can be read", "name another")
+    return log, timeless
+
+
+def _ulog(path: Path) -> OtherRecording:
+    """Open a ULog: pyulog reads all of it."""
+    data = path.read_bytes()
+    log, timeless = _parsed(path, data)
     offset_ns = _day_ns(log)
     channels: Dict[int, Channel] = {}
     places: Dict[int, Places] = {}
-    for number, data in enumerate(log.data_list):
-        times = data.data["timestamp"].astype(np.int64) * 1000 + offset_ns
+    for number, each in enumerate(log.data_list):
+        times = each.data["timestamp"].astype(np.int64) * 1000 + offset_ns
         order = np.argsort(times, kind="stable")
-        topic = f"/{data.name}" + (f"_{data.multi_id}" if data.multi_id else "")
-        channels[number] = Channel(topic, f"px4_msgs/{_camel(data.name)}", encoding="ulog")
+        channels[number] = Channel(
+            _ulog_topic(each.name, each.multi_id), f"px4_msgs/{_camel(each.name)}", encoding="ulog"
+        )
         places[number] = (times[order], np.zeros(len(order), np.int64), order)
-    texts = log.logged_messages
+    texts = [each for each in log.logged_messages if each.timestamp < _LATEST_US]
     if texts:
         times = np.array([each.timestamp * 1000 + offset_ns for each in texts], np.int64)
         channels[len(channels)] = Channel(_TEXTS, "px4_msgs/LoggedMessage", encoding="ulog")
         places[len(places)] = (times, np.zeros(len(texts), np.int64), np.arange(len(texts)))
-    fields = [_Fields(data) for data in log.data_list]
+    fields = [_Fields(each) for each in log.data_list]
 
     def raw(number: int, _: int, row: int) -> Any:
         if number == len(fields):
             return SimpleNamespace(text=texts[row].message, severity=texts[row].log_level - ord("0"))
         return fields[number].message(row)
 
-    if log.file_corruption:
-        problem = f"{path.name}: is damaged in places, what pyulog could not read there is missing"
+    problem = "; ".join([*(f"/{name} has no times, and is not read" for name in timeless), *_ulog_damage(log, data)])
+    if problem:
+        problem = f"{path.name}: {problem}"
         return OtherRecording(path, "ULog, damaged in places", channels, places, raw, problem=problem)
-    return OtherRecording(path, "ULog", channels, places, raw, cut=_ulog_cut(path))
+    end = max((end for _, end in _ulog_records(data)), default=_ULOG_HEADER)
+    return OtherRecording(path, "ULog", channels, places, raw, cut=cut_words(path.name, end, len(data)))
 
 
-def _ulog_cut(path: Path) -> str:
-    """Return that a good ULog ends within a message, which pyulog does not say; empty: it does not."""
-    data = path.read_bytes()
+def _ulog_damage(log: Any, data: bytes) -> List[str]:
+    """Return what of a ULog could not be read, in one line; nothing when all could."""
+    places = _ulog_damages(data, corrupt=log.file_corruption)
+    if not log.file_corruption and not places:
+        return []
+    where = f": {'; '.join(places)}" if places else ""
+    return [f"is damaged in places, what could not be read there is missing{where}"]
+
+
+def _ulog_topic(name: str, instance: int) -> str:
+    return f"/{name}" + (f"_{instance}" if instance else "")
+
+
+def _timeless(log: Any, data: bytes) -> List[str]:
+    """Return the topics of which messages are logged, and have no time."""
+    names = dict.fromkeys(name for name, _ in _ulog_subscriptions(data).values())
+    formats = log.message_formats
+    return [
+        name for name in names if name in formats and all(field != "timestamp" for *_, field in formats[name].fields)
+    ]
+
+
+def _ulog_subscriptions(data: bytes) -> Dict[int, Tuple[str, int]]:
+    """Return name and instance of each topic by its number."""
+    found: Dict[int, Tuple[str, int]] = {}
+    for at, end in _ulog_records(data):
+        if data[at + 2 : at + 3] == b"A" and end - at > _ULOG_NAME:
+            number = int.from_bytes(data[at + 4 : at + 6], "little")
+            found[number] = (data[at + _ULOG_NAME : end].decode("utf-8", "replace"), data[at + 3])
+    return found
+
+
+def _ulog_damages(data: bytes, *, corrupt: bool) -> List[str]:
+    """Return where a ULog is damaged, which pyulog does not say: what is no record, and wrong messages by topic.
+
+    Args:
+        data: of the file.
+        corrupt: whether pyulog met something that it could not read; a record of no kind it passes over.
+    """
+    found: Dict[int, List[Tuple[int, int]]] = {}
+    said: List[str] = []
+    for at, end in _ulog_records(data):
+        kind, number = data[at + 2], int.from_bytes(data[at + 3 : at + 5], "little")
+        if kind == ord("D"):
+            found.setdefault(number, []).append((at, end - at))
+        elif not chr(kind).isascii() or not chr(kind).isalpha():  # another letter may be a kind that is yet to come
+            said.append(f"no record at byte {at}")
+            if not kind:  # what follows is found again by pyulog, and nobody knows what lay between
+                break
+    names = {number: _ulog_topic(*each) for number, each in _ulog_subscriptions(data).items()}
+    for number, messages in found.items() if corrupt else ():
+        usual = Counter(size for _, size in messages).most_common(1)[0][0]
+        wrong = [at for at, size in messages if size != usual or number not in names]
+        of = f"{names[number]} of a wrong size" if number in names else f"topic {number}, which is none"
+        if wrong:
+            said.append(f"{len(wrong)} messages of {of}, {'from' if len(wrong) > 1 else 'at'} byte {wrong[0]}")
+    return said
+
+
+def _ulog_records(data: bytes) -> Iterator[Tuple[int, int]]:
+    """Yield where the whole records of a ULog begin and end, up to the first that is cut."""
     size, at = len(data), _ULOG_HEADER
     appended = (
-        [each for each in _APPENDED.unpack_from(data, at + 3 + 16) if each] if data[at + 2 : at + 3] == b"B" else []
+        [each for each in _APPENDED.unpack_from(data, at + 3 + 16) if each]
+        if data[at + 2 : at + 3] == b"B" and size >= at + 3 + 40
+        else []
     )
     while at + 3 <= size:
         end = at + 3 + (data[at] | data[at + 1] << 8)
@@ -389,15 +468,15 @@ def _ulog_cut(path: Path) -> str:
             end = appended.pop(0)
         if end > size:
             break
+        yield at, end
         at = end
-    return cut_words(path.name, at, size)
 
 
 def _day_ns(log: Any) -> int:
     """Return what must be added to the log's times to have the time of day; 0: nothing tells it."""
     for name in _GPS:
         for data in log.data_list:
-            if data.name != name or "time_utc_usec" not in data.data:
+            if data.name != name or not {"time_utc_usec", "fix_type", "timestamp"} <= data.data.keys():
                 continue
             told = np.flatnonzero((data.data["time_utc_usec"] > 0) & (data.data["fix_type"] >= _FIX_3D))
             if len(told):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import random
 import re
 import shutil
@@ -11,11 +12,12 @@ import struct
 from pathlib import Path
 
 import numpy as np
+import other_recordings
 import pytest
 import zstandard
 from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
-from other_recordings import px4_rows, ulog_rows, write_mcap, write_ros2, write_ulog
+from other_recordings import gps_rows, px4_rows, ulog_rows, write_mcap, write_ros2, write_ulog
 from pyulog.core import ULog
 from replay_bags import START_NS, S, flight_rows, write_bag
 from replay_runs import CONFIG, moves, texts
@@ -356,6 +358,48 @@ def test_messages_of_an_encoding_that_is_not_read_say_so(tmp_path):
         recording.message(recording.entries("/state")[0])
 
 
+def test_px4s_messages_that_cannot_be_read_are_told_and_the_rest_is_judged(tmp_path):
+    path = write_mcap(tmp_path / "px4.mcap", px4_rows(ulog_rows()), "none")
+    recording, made = recordings_of(path)
+    with recording:
+        whole = [len(made.entries(topic)) for topic in ("/autopilot/status", "/px4/range")]
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0x10
+    path.write_bytes(data)
+    recording, made = recordings_of(path)
+    recording.close()
+    assert len(made.entries("/autopilot/status")) > 0.9 * whole[0]
+    assert 0.8 * whole[1] < len(made.entries("/px4/range")) < whole[1]
+    told = dict(each.split(": ", 1) for each in made.problem.split("; "))
+    assert {"/fmu/out/vehicle_status", "/fmu/out/vehicle_local_position", "/fmu/out/distance_sensor"} <= told.keys()
+    assert re.fullmatch(
+        r"\d+ messages from \+\d+\.\d+ s to \+\d+\.\d+ s cannot be read "
+        r"\(chunk at byte \d+ is damaged: it is not what its checksum says\)",
+        told["/fmu/out/vehicle_status"],
+    )
+    (tmp_path / "map.yaml").write_text(propose([path]).text)
+    assert len(replayed(path, tmp_path / "map.yaml").decisions) > 3
+
+
+def test_a_message_of_px4_with_values_that_cannot_be_is_told_and_the_rest_is_judged(tmp_path):
+    rows = [(t_s, topic, (math.inf, *values[1:]) if topic == "sensor_gps" and 3.1 < t_s < 3.3 else values)
+            for t_s, topic, values in ulog_rows(12.0) + gps_rows(12.0)]  # fmt: skip
+    path = write_ulog(tmp_path / "odd.ulg", sorted(rows, key=lambda row: row[:2]))
+    made = recordings_of(path)[1]
+    assert made.problem.startswith("/sensor_gps: 1 messages from +3.200 s to +3.200 s cannot be read (")
+    assert len(made.entries("/autopilot/status")) > 50
+
+
+def test_a_type_of_px4_that_is_another_one_is_told_and_the_rest_is_judged(tmp_path, monkeypatch):
+    monkeypatch.setitem(other_recordings._FORMATS, "battery_status", "uint64_t timestamp;float voltage_filtered_v")
+    rows = [(t_s, topic, values[:1] if topic == "battery_status" else values) for t_s, topic, values in ulog_rows(12.0)]
+    path = write_ulog(tmp_path / "another.ulg", rows)
+    made = recordings_of(path)[1]
+    assert made.problem.startswith("/battery_status: 12 messages from +0.000 s to +11.000 s cannot be read (")
+    assert "voltage_v" in made.problem
+    assert len(made.entries("/autopilot/status")) > 50
+
+
 def test_an_sqlite_file_of_something_else_is_refused(tmp_path):
     path = tmp_path / "songs.db3"
     with sqlite3.connect(path) as base:
@@ -366,6 +410,52 @@ def test_an_sqlite_file_of_something_else_is_refused(tmp_path):
 def test_a_ulog_that_ends_in_its_header_is_damaged(ulog, tmp_path):
     (tmp_path / "cut.ulg").write_bytes(ulog.read_bytes()[:40])
     assert wrong_with(tmp_path / "cut.ulg") == "X: is a damaged ULog: nothing in it can be read; name another"
+
+
+def records_of(data):
+    """Return where the records of a ULog begin, and their kinds."""
+    at, found = 16, []
+    while at < len(data):
+        found.append((at, chr(data[at + 2])))
+        at += 3 + int.from_bytes(data[at : at + 2], "little")
+    return found
+
+
+def test_a_message_of_a_ulog_that_cannot_be_read_is_told_with_its_place_and_topic(ulog, tmp_path):
+    data, path = bytearray(ulog.read_bytes()), tmp_path / "damaged.ulg"
+    places = [at for at, kind in records_of(data) if kind == "D"]
+    whole = {topic.name: topic.messages for topic in recordings_of(ulog)[0].topics}
+    stray, unknown = places[1000], places[2000]
+    data[stray + 3 : stray + 5] = b"\xff\x7f"  # of a topic that nobody named
+    longer = data[unknown : unknown + 3 + int.from_bytes(data[unknown : unknown + 2], "little")] + b"!!!"
+    longer[0] += 3
+    data[unknown:unknown] = longer  # more bytes than its topic has
+    path.write_bytes(data)
+    recording, _ = recordings_of(path)
+    lost = {topic.name: whole[topic.name] - topic.messages for topic in recording.topics}
+    assert sum(lost.values()) == 1
+    assert recording.problem.startswith("damaged.ulg: is damaged in places, what could not be read there is missing: ")
+    assert f"1 messages of topic 32767, which is none, at byte {stray}" in recording.problem
+    assert re.search(rf"1 messages of /\w+ of a wrong size, at byte {unknown}\b", recording.problem)
+
+
+@pytest.mark.parametrize("kind", [0x00, 0x07, 0xC4])
+def test_a_record_of_a_ulog_that_is_none_is_told_with_its_place(ulog, tmp_path, kind):
+    data, path = bytearray(ulog.read_bytes()), tmp_path / "damaged.ulg"
+    place = next(at for at, kind in records_of(data)[1000:] if kind == "D")
+    data[place + 2] = kind
+    path.write_bytes(data)
+    recording, _ = recordings_of(path)
+    assert recording.problem.endswith(f"what could not be read there is missing: no record at byte {place}")
+
+
+def test_a_topic_of_a_ulog_whose_messages_have_no_time_is_told_and_the_rest_is_read(ulog, tmp_path, capsys):
+    data = ulog.read_bytes().replace(b"battery_status:uint64_t timestamp", b"battery_status:uint64_t timestalp")
+    (tmp_path / "damaged.ulg").write_bytes(data)
+    recording, made = recordings_of(tmp_path / "damaged.ulg")
+    assert len(made.entries("/autopilot/status")) > 100
+    assert recording.problem == "damaged.ulg: /battery_status has no times, and is not read"
+    assert "/battery_status" not in told(tmp_path / "damaged.ulg", capsys)[1]
 
 
 @pytest.mark.parametrize("more", [0, 2, 9])

@@ -516,12 +516,8 @@ def _of_other(path: Path, memory: int) -> List[Any]:
     from .uorb import VEHICLE_KIND, Uorb  # noqa: PLC0415
 
     recording = other_recording(path, memory)
-    try:
-        kinds = {topic.kind for topic in recording.topics}
-        return [recording, *([Uorb(recording)] if VEHICLE_KIND in kinds else []), *_of_cns(recording)]
-    except MessageError as error:
-        recording.close()
-        raise BagError(str(path), f"PX4's topics cannot be read: {error}", "name another recording") from error
+    kinds = {topic.kind for topic in recording.topics}
+    return [recording, *([Uorb(recording)] if VEHICLE_KIND in kinds else []), *_of_cns(recording)]
 
 
 def _is_log(path: Path) -> bool:

@@ -135,17 +135,28 @@ class Made(abc.ABC):
 def messages_of(bag: Any, topic: str, unread: List[str]) -> List[Tuple[int, Any]]:
     """Return the messages of a topic with their times; a line on those that cannot be read is added to `unread`."""
     found: List[Tuple[int, Any]] = []
-    wrong: List[Tuple[float, str]] = []
+    wrong: List[Tuple[int, str]] = []
     for entry in bag.entries(topic):
         try:
             found.append((entry.t_ns, bag.message(entry)))
         except MessageError as error:
-            wrong.append(((entry.t_ns - bag.start_ns) / _S, str(error)))
+            wrong.append((entry.t_ns, str(error)))
     if wrong:
-        (first_s, reason), (last_s, _) = wrong[0], wrong[-1]
-        times = f"from {first_s:+.3f} s to {last_s:+.3f} s"
-        unread.append(f"{topic}: {len(wrong)} messages {times} cannot be read ({reason})")
+        unread.append(unread_words(topic, wrong, bag.start_ns))
     return found
+
+
+def unread_words(topic: str, wrong: List[Tuple[int, str]], start_ns: int) -> str:
+    """Return which messages of a topic cannot be read.
+
+    Args:
+        topic: its name.
+        wrong: time of each such message, and why.
+        start_ns: of the recording.
+    """
+    (first_ns, reason), (last_ns, _) = wrong[0], wrong[-1]
+    times = f"from {(first_ns - start_ns) / _S:+.3f} s to {(last_ns - start_ns) / _S:+.3f} s"
+    return f"{topic}: {len(wrong)} messages {times} cannot be read ({reason})"
 
 
 class Telemetry(Made):

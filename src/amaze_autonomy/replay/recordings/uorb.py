@@ -7,6 +7,8 @@ is judged as the flight would have been. Made are, with the face of a bag:
 /px4/imu            sensor_combined as sensor_msgs/Imu, in the axes of ROS (x forward, y left, z up)
 /px4/odometry       vehicle_local_position and vehicle_attitude as nav_msgs/Odometry: east, north, up
 /px4/range          the distance_sensor that looks down, as sensor_msgs/Range
+
+A message that is damaged, or is not as PX4 has it, costs itself: what is missing by it is said in `problem`.
 """
 
 from __future__ import annotations
@@ -18,9 +20,10 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from amaze_autonomy.autopilot.vehicle.modes import px4_number
 from amaze_autonomy.bags import Entry
+from amaze_autonomy.bags.errors import MessageError, UndecodableError
 
 from ...autopilot.link.dialect import mavlink
-from .telemetry import KINDS, Imu, Made, Teller, Vector, header
+from .telemetry import KINDS, Imu, Made, Teller, Vector, header, unread_words
 
 VEHICLE_KIND = "px4_msgs/VehicleStatus"
 _S = 1_000_000_000
@@ -52,6 +55,8 @@ _TAKES_OFF, _LANDS = (17, 22), (12, 18, 20)
 _SETPOINTS: Mapping[int, int] = {3: mavlink.MAV_LANDED_STATE_TAKEOFF, 4: mavlink.MAV_LANDED_STATE_LANDING}
 """What a set-point of position_setpoint_triplet means by its type, in a mode that PX4 flies by itself."""
 
+_UNUSABLE = (AttributeError, TypeError, ValueError, IndexError, OverflowError)
+"""What comes of a message that lacks a field, or has values that no sensor has, as an infinite latitude."""
 _UNKNOWN_MV = 65535
 _FLAGS: Tuple[Tuple[str, int], ...] = (
     ("xy_valid", mavlink.ESTIMATOR_POS_HORIZ_REL),
@@ -73,6 +78,7 @@ class Uorb(Made):
         self._source = source
         self._state = _Px4State()
         self._teller = Teller(self.tell)
+        self._unread: Dict[str, List[Tuple[int, str]]] = {}  # by topic of the source: times and reasons
         self._entries: Dict[str, List[Entry]] = {}
         for topic, kind in ((_IMU, "SensorCombined"), (_ODOMETRY, "VehicleLocalPosition")):
             self._entries[topic] = self._of(kind)
@@ -85,8 +91,20 @@ class Uorb(Made):
             self.place(_RANGE, entry.t_ns, at)
         self._listen()
 
+    @property
+    def problem(self) -> str:
+        """Which messages of PX4 cannot be read, and why; empty: none."""
+        return "; ".join(unread_words(topic, wrong, self._source.start_ns) for topic, wrong in self._unread.items())
+
     def made(self, topic: str, entry: Entry) -> Any:
-        """Return one message that is no status."""
+        """Return one message that is no status.
+
+        Raises:
+            MessageError: It is damaged, or not as PX4 has it.
+        """
+        return _made_of(lambda: self._made(topic, entry))
+
+    def _made(self, topic: str, entry: Entry) -> Any:
         source = self._source.message(self._entries[topic][entry.offset])
         if topic == _IMU:
             return Imu(header(entry.t_ns), _flu(source.accelerometer_m_s2), _flu(source.gyro_rad))
@@ -108,7 +126,16 @@ class Uorb(Made):
         return self._source.entries(topics[0]) if topics else []
 
     def _looks_down(self, entry: Entry) -> bool:
-        return int(self._source.message(entry).orientation) == _LOOKS_DOWN
+        return bool(self._read(entry, lambda message: int(message.orientation) == _LOOKS_DOWN))
+
+    def _read(self, entry: Entry, take: Callable[[Any], Any]) -> Any:
+        """Return what is made of a message; None, and a note, when it cannot be read."""
+        try:
+            return _made_of(lambda: take(self._source.message(entry)))
+        except MessageError as error:
+            topic = self._source.channels[entry.connection].topic
+            self._unread.setdefault(topic, []).append((entry.t_ns, str(error)))
+            return None
 
     def _listen(self) -> None:
         """Let the link's code listen to what PX4 would have sent."""
@@ -126,7 +153,9 @@ class Uorb(Made):
         beat_ns: Optional[int] = None
         for entry, taker in sorted(said, key=lambda each: each[0].t_ns):
             self._teller.until(entry.t_ns)
-            messages = taker(self._source.message(entry))
+            messages = self._read(entry, taker)
+            if messages is None:
+                continue
             if self._state.beats and (beat_ns is None or entry.t_ns - beat_ns >= _BEAT_NS):
                 beat_ns = entry.t_ns  # uORB says what has changed, MAVLink says it again and again
                 messages = [*self._state.beat(), *messages]
@@ -140,9 +169,9 @@ class _Px4State:
     """What PX4 tells in its heartbeat and EXTENDED_SYS_STATE."""
 
     def __init__(self) -> None:
-        self._status: Any = None
+        self._status: Optional[Tuple[bool, int, bool]] = None  # armed, nav_state, in a failsafe
         self._landed: Optional[bool] = None
-        self._setpoint: Any = None
+        self._setpoint: Optional[Tuple[bool, int]] = None  # whether it is valid, and its type
 
     @property
     def beats(self) -> bool:
@@ -151,45 +180,65 @@ class _Px4State:
 
     def take_status(self, message: Any) -> List[Any]:
         """Take a vehicle_status."""
-        self._status = message
+        armed, failsafe = int(message.arming_state) == _ARMED, bool(getattr(message, "failsafe", False))
+        self._status = armed, int(message.nav_state), failsafe
         return self.beat()
 
     def take_landed(self, message: Any) -> List[Any]:
         """Take a vehicle_land_detected."""
         self._landed = bool(message.landed)
-        return [self._extended()] if self.beats else []
+        return self._extended()
 
     def take_setpoint(self, message: Any) -> List[Any]:
         """Take a position_setpoint_triplet: a mission climbs and lands in one mode, what it does stands here."""
-        self._setpoint = message.current
-        return [self._extended()] if self.beats and self._landed is not None else []
+        self._setpoint = bool(message.current.valid), int(message.current.type)
+        return self._extended()
 
     def beat(self) -> List[Any]:
         """Return the messages that say all of it."""
-        status = self._status
-        armed, nav_state = int(status.arming_state) == _ARMED, int(status.nav_state)
+        if self._status is None:
+            return []
+        armed, nav_state, failsafe = self._status
         main, sub = px4_number(_NAV_STATES.get(nav_state, "")) or (0, nav_state)
         state = mavlink.MAV_STATE_ACTIVE if armed else mavlink.MAV_STATE_STANDBY
-        if bool(getattr(status, "failsafe", False)) and armed:
+        if failsafe and armed:
             state = mavlink.MAV_STATE_CRITICAL
         mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
         kind, px4 = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4
         beat = mavlink.MAVLink_heartbeat_message(kind, px4, mode, main << 16 | sub << 24, state, 3)
-        return [beat, *([] if self._landed is None else [self._extended()])]
+        return [beat, *self._extended()]
 
-    def _extended(self) -> Any:
-        nav_state = int(self._status.nav_state)
+    def _extended(self) -> List[Any]:
+        """Return EXTENDED_SYS_STATE; nothing while what it says is not known."""
+        if self._status is None or self._landed is None:
+            return []
+        _, nav_state, _ = self._status
         landed = mavlink.MAV_LANDED_STATE_IN_AIR
         if self._landed:
             landed = mavlink.MAV_LANDED_STATE_ON_GROUND
         elif self._setpoint is not None:
-            alone = _NAV_STATES.get(nav_state, "").startswith("AUTO.") and self._setpoint.valid
-            landed = _SETPOINTS.get(int(self._setpoint.type), landed) if alone else landed
+            valid, kind = self._setpoint
+            alone = _NAV_STATES.get(nav_state, "").startswith("AUTO.") and valid
+            landed = _SETPOINTS.get(kind, landed) if alone else landed
         elif nav_state in _TAKES_OFF:
             landed = mavlink.MAV_LANDED_STATE_TAKEOFF
         elif nav_state in _LANDS:
             landed = mavlink.MAV_LANDED_STATE_LANDING
-        return mavlink.MAVLink_extended_sys_state_message(0, landed)
+        return [mavlink.MAVLink_extended_sys_state_message(0, landed)]
+
+
+def _made_of(make: Callable[[], Any]) -> Any:
+    """Return what is made of a message.
+
+    Raises:
+        MessageError: The message cannot be read, or is not as PX4 has it.
+    """
+    try:
+        return make()
+    except MessageError:
+        raise
+    except _UNUSABLE as error:
+        raise UndecodableError(f"it is not as PX4 has it: {error or type(error).__name__}") from error
 
 
 def _local_position(message: Any) -> List[Any]:
