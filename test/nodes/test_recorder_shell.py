@@ -626,6 +626,16 @@ def test_recordings_in_a_home_that_nobody_has_are_refused_and_no_folder_of_that_
     assert (str(caught.value), list(tmp_path.iterdir())) == (said, [])
 
 
+def test_a_folder_of_recordings_that_is_no_whole_path_is_refused_as_the_node_has_the_current_folder_of_its_starter(
+    monkeypatch, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["data_recorder", "--folder", "rec"])
+    with pytest.raises(StartError) as caught:
+        recordings_folder(load_configuration(config_folder()))
+    assert (str(caught.value), list(tmp_path.iterdir())) == ("rec: is no whole path; name one with --folder", [])
+
+
 @pytest.mark.usefixtures("parameters")
 def test_the_status_goes_out_at_the_rate_of_the_configuration(monkeypatch):
     monkeypatch.setattr(recorder_node, "RecorderShare", lambda *_: SimpleNamespace(folder=Path("/rec")))

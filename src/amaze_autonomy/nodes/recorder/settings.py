@@ -41,11 +41,13 @@ def recordings_folder(configuration: Configuration) -> Path:
     """Return --folder, or that of recording.yaml; it is made.
 
     Raises:
-        StartError: It cannot be made.
+        StartError: It cannot be made, or is no whole path: the current folder is that of who started the node.
     """
     folder = expanded(given("folder") or configuration.recording.folder)
     if str(folder).startswith("~"):
         raise StartError(f"{folder}: there is no such home; name another one with --folder")
+    if not folder.is_absolute():
+        raise StartError(f"{folder}: is no whole path; name one with --folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
