@@ -10,7 +10,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, ending, flipped, rows
+from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, ending, flipped, rows, unclosed
 
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
@@ -378,3 +378,20 @@ def test_memory_permits_what_is_meant_to_be_large(tmp_path):
     with pytest.raises(BagError, match=r"takes 1 MB of memory, 0 may be taken \(--memory 1 permits it\)"):
         merge([source], tmp_path / "2.bag", MergeOptions(memory=100_000, compression="none"))
     assert len(contents(merge([source], tmp_path / "2.bag", MergeOptions(memory=1_000_000)).path)) == 2000
+
+
+@pytest.mark.parametrize("first_ms", [0, 5000])
+def test_two_connections_of_one_number_in_a_bag_that_was_not_closed_are_told(tmp_path, first_ms):
+    """One flipped bit made /b's number that of /a; nothing tells any more whose messages are recorded as that."""
+    whole = bag(tmp_path / "whole.bag", rows("/a", 100), rows("/b", 100, first_ms=first_ms))
+    path = unclosed(whole, tmp_path / "x.bag.active")
+    raw = path.read_bytes()
+    record = raw.index(b"topic=/b") - 60
+    flipped(path, raw, record + raw[record : record + 120].index(b"conn=\x01") + 5, 0)
+    (told,) = (each for each in scan(path).damages if "two connections" in each.what)
+    assert told.what == (
+        "two connections have the number 0, /a and /b: the first is kept, messages of it from there on may be the "
+        "other's"
+    )
+    assert told.offset > 0
+    assert [each for each in scan(whole).damages if "two connections" in each.what] == []

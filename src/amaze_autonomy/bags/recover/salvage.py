@@ -59,12 +59,14 @@ class Kept(NamedTuple):
         connections: by number.
         end: of the last whole record; all of the data when nothing is missing.
         gaps: where nothing good was found: beginnings and ends.
+        others: connections that are described with the number of another one before them.
     """
 
     rows: List[Row]
     connections: Dict[int, Connection]
     end: int
     gaps: Sequence[Tuple[int, int]] = ()
+    others: Tuple[Connection, ...] = ()
 
     def counts(self) -> Tuple[Tuple[int, int], ...]:
         """Count messages by connection."""
@@ -110,6 +112,7 @@ class _Salvage:
         self._order = sorted(self._starts)
         self._said = frozenset(row[:2] for row in rows or ())
         self._connections: Dict[int, Connection] = {}
+        self._others: List[Connection] = []
         self._gaps: List[Tuple[int, int]] = []
         self._rows: List[Row] = []
         self._ends: List[int] = []  # of the messages
@@ -122,7 +125,7 @@ class _Salvage:
             position = self._walked(found)
         end = self._gaps[-1][0] if self._gaps and self._gaps[-1][1] == self._limit else self._limit
         self._drop_contradictions()
-        return Kept(self._rows, self._connections, end, sorted(self._gaps))
+        return Kept(self._rows, self._connections, end, sorted(self._gaps), tuple(self._others))
 
     def _drop_contradictions(self) -> None:
         """Drop messages whose header is damaged, by what the index says of the same place.
@@ -183,7 +186,8 @@ class _Salvage:
             connection = connection_of(record, bytes(self._data[record.data : record.end]))
         except RecordError:
             return  # it may be described elsewhere
-        self._connections.setdefault(connection.number, connection)
+        if self._connections.setdefault(connection.number, connection).name != connection.name:
+            self._others.append(connection)
 
     def _next(self, position: int) -> Tuple[int, int]:
         """Return where, at a place that is no good record, nothing good begins, and where it ends; drop what is torn.

@@ -602,11 +602,26 @@ class _Scanner:
 
     def _learn(self, kept: Kept, position: int) -> None:
         for each in kept.connections.values():
+            self._tell_other(each, position)
             self._learnt.add(each.number)
             self._meet(each, position)
+        for each in kept.others:
+            self._tell_other(each, position)
         for each in self._contradicted(kept, self._named):
             if self._witnesses(each) >= self._witnesses(self._named[each.number]):
                 self._connections[each.number] = each
+
+    def _tell_other(self, connection: Connection, position: int) -> None:
+        """Tell of a connection in a chunk that has the number of another one, where no index says whose that is."""
+        number, known = connection.number, self._connections.get(connection.number)
+        if known is None or known.name == connection.name or number not in self._learnt or number in self._indexed:
+            return
+        what = (
+            f"two connections have the number {number}, {known.topic} and {connection.topic}: the first is kept, "
+            "messages of it from there on may be the other's"
+        )
+        damage = Damage(position, 0, what, 0)
+        self._damages += [damage] if damage not in self._damages else []  # a chunk may be looked at twice
 
     def _contradicted(self, kept: Kept, known: Dict[int, Connection]) -> List[Connection]:
         """Return what a chunk describes that the bag's index has, otherwise than it is known."""
