@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import re
 import shutil
@@ -17,6 +18,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from amaze_autonomy.config import load_configuration
 from amaze_autonomy.simulation.ardupilot import AUTOPILOTS
 
 ROOT = Path(__file__).parents[2]
@@ -308,6 +310,36 @@ def test_of_the_second_platform_the_simulation_alone_says_that_there_need_not_be
     assert optional == {"main": False, "second": True}
     delays = {node.name: node.respawn_delay for node in loaded.nodes if node.name.startswith("data_recorder_")}
     assert delays == {"data_recorder_main": 1.0, "data_recorder_second": 1.0}
+
+
+LIMITS = {
+    "watchdog": "watchdog_heartbeat_limit_s",
+    "landing_detection": "landing_detection_limit_s",
+    "mission_planner": "planner_status_limit_s",
+    "autopilot": "autopilot_status_limit_s",
+    "data_recorder_main": "recorder_status_limit_s",
+    "data_recorder_second": "recorder_status_limit_s",
+}
+NOT_AGAIN = {"autonomy", "simulation", "console"}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("simulation:=true", "web:=true", "router:=/dev/ttyACM0"),
+        ("simulation:=true", "processes:=forked"),
+        ("peers:=cns",),
+        ("serve:=cns",),
+    ],
+    ids=lambda words: words[-1],
+)
+def test_a_node_that_ends_at_its_start_is_started_again_after_a_pause_that_is_shorter_than_its_limit(words):
+    failsafe = load_configuration(ROOT / "config").effective["autonomy"]["failsafe"]
+    nodes = loaded_launch(*words).nodes
+    assert {node.name for node in nodes if not node.respawn} <= NOT_AGAIN
+    for node in (node for node in nodes if node.respawn):
+        limit_s = failsafe.get(LIMITS.get(node.name, ""), math.inf)
+        assert 0.5 <= node.respawn_delay < limit_s, node.name
 
 
 GROUP = '<launch><group ns="uav1"><include file="{}">{}</include></group></launch>'
