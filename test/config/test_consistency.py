@@ -282,6 +282,17 @@ def test_the_recorder_of_which_the_file_says_nothing_has_its_own_limit_as_well(m
     assert load_configuration(small).recording.start_limit_ns == 11_000_000_000
 
 
+def test_a_platform_is_not_silent_between_two_of_its_statuses(mistake, small, small_file):
+    recording = small_file("recording.yaml") + "platform_limit_s: 1.9\n"
+    rate = ["autonomy.streams.recorder_status_rate_hz=1"]
+    assert mistake("recording.yaml", recording, rate) == (
+        "recording.yaml:7: platform_limit_s: is 1.9; must be at least 2, 2 periods of streams.recorder_status_rate_hz "
+        "of autonomy.yaml: one lost message is no loss"
+    )
+    (small / "recording.yaml").write_text(recording.replace("1.9", "2.0"))
+    assert load_configuration(small, rate).recording.platform_limit_ns == 2_000_000_000
+
+
 def test_an_estimator_that_must_be_told_to_begin_has_less_time_than_the_checks(mistake, small, small_file):
     sensors = small_file("sensors.yaml") + "initialisation: {limit_s: 60.0}\n"
     (small / "sensors.yaml").write_text(sensors)

@@ -166,6 +166,21 @@ def check_recorder_limits(
     refuse_at(("start_limit_s",), places["recording"], f"is {own:g}", right)
 
 
+def check_platform_limit(autonomy: Mapping[str, Any], recording: Mapping[str, Any], places: Places) -> None:
+    """Check that a platform is not silent between two of its statuses; `places` are those of recording.yaml.
+
+    Raises:
+        ConfigError: about the limit of its silence.
+    """
+    rate = "streams.recorder_status_rate_hz"
+    least, own = _PERIODS / _value(autonomy, rate), recording["platform_limit_s"]
+    if own < least:
+        right = (
+            f"must be at least {least:g}, {_PERIODS} periods of {rate} of autonomy.yaml: one lost message is no loss"
+        )
+        refuse_at(("platform_limit_s",), places, f"is {own:g}", right)
+
+
 def check_recording(values: Mapping[str, Any], places: Places) -> None:
     """Check that platforms record groups that exist, each topic once and none that is excluded, and what may be lost.
 

@@ -18,6 +18,7 @@ from .consistency import (
     check_initialisation,
     check_order,
     check_planner,
+    check_platform_limit,
     check_recorder_limits,
     check_recording,
     check_replies,
@@ -134,6 +135,7 @@ def _check(values: Mapping[str, Any], places: Mapping[str, Places]) -> None:
     if "recording" in values:
         check_recording(values["recording"], places["recording"])
         check_recorder_limits(values["autonomy"], values["recording"], places)
+        check_platform_limit(values["autonomy"], values["recording"], places["recording"])
 
 
 def _configuration(
