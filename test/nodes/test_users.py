@@ -28,7 +28,7 @@ from amaze_autonomy.engine.events import (  # noqa: E402
     UserRequest,
 )
 from amaze_autonomy.engine.rules import Rules  # noqa: E402
-from amaze_autonomy.engine.state import evolve  # noqa: E402
+from amaze_autonomy.engine.state import EngineState, Session, State, evolve  # noqa: E402
 from amaze_autonomy.nodes.autonomy import users  # noqa: E402
 from amaze_autonomy.nodes.autonomy.engine_thread import EngineThread, Inbox  # noqa: E402
 from amaze_autonomy.nodes.autonomy.users import UserDesk  # noqa: E402
@@ -42,6 +42,7 @@ MAYBE = "the engine did not answer in time; the command may still be carried out
 NEVER = "the engine did not answer in time; the command is not carried out"
 UNSAFE = [each for each in UserCommand if each not in SAFE]
 MISSIONS = (Mission(id="1", battery_needed_fraction=0.3, estimated_duration_s=60.0),)
+OTHER = Mission(id="7", battery_needed_fraction=0.3, estimated_duration_s=60.0)
 
 
 @pytest.fixture(autouse=True)
@@ -293,3 +294,20 @@ def console(monkeypatch, desk):
 def test_the_console_shows_a_request_without_an_answer_as_no_answer_and_in_these_words(console, each, words):
     said = f"{COMMAND}: failed: service cannot process request: {words}"
     assert console(each) == AnswerCame(7, Verdict.NO_ANSWER, said)
+
+
+@pytest.mark.parametrize(
+    "at, queue, words",
+    [
+        (State.HOLD, (), "has mission 1"),
+        (State.READY, (OTHER,), "has missions 1, 7"),
+        (State.MISSION_ENDED, (), "has ended its missions"),
+        (State.MISSION_INPUT, (), "has ended its missions"),
+    ],
+)
+def test_a_run_that_goes_on_says_with_which_mission_and_that_those_of_the_launch_are_not_used(at, queue, words):
+    session = Session(mission=None if at is State.MISSION_INPUT else MISSIONS[0])
+    state = evolve(EngineState(), state=at, session=session, queue=queue)
+    assert users.not_selected(state, ("2", "3")) == (
+        f"the run that is gone on with {words}; mission:=2,3 of this launch is not used"
+    )

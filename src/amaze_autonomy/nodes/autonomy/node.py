@@ -77,7 +77,7 @@ from .engine_thread import EngineThread, Inbox, Stall
 from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
 from .run_folder import BOOT_CLOCK, ROS_CLOCK, InUseError, JournalFile, Place, create
-from .users import Unattended, UserDesk, choose
+from .users import Unattended, UserDesk, choose, not_selected
 
 _log = logging.getLogger(__name__)
 _FAREWELL_LIMIT_S = 5.0
@@ -205,6 +205,8 @@ class AutonomyNode:
     def start(self) -> None:
         """Begin to decide, then open the node to the world."""
         self._name_journal()
+        if self._parameters.missions and self._selected:
+            rospy.logwarn(not_selected(self._engine.state, self._parameters.missions))
         self._outbox.start(self._engine.state)
         self.put(EngineStarted(t_ns=self._clock.now_ns(), label=self._label, resumed=self._resumed is not None))
         self._engine.start()

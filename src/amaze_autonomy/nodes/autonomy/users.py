@@ -54,6 +54,16 @@ def choose(missions: Sequence[Mission], ids: Sequence[str], t_ns: int, request_i
     return MissionSelected(t_ns=t_ns, missions=tuple(known[each] for each in ids), request_id=request_id)
 
 
+def not_selected(state: EngineState, ids: Sequence[str]) -> str:
+    """Return what a run that is gone on with, and has missions of its own, says of those that its launch names."""
+    over = state.state in (State.MISSION_INPUT, State.MISSION_ENDED)
+    now = () if over or state.session.mission is None else (state.session.mission,)
+    missions = [mission.id for mission in (*now, *state.queue)]
+    many = "s" if len(missions) > 1 else ""
+    words = f"has mission{many} {', '.join(missions)}" if missions else "has ended its missions"
+    return f"the run that is gone on with {words}; mission:={','.join(ids)} of this launch is not used"
+
+
 @dataclass
 class _Asked:
     """A request that a user waits for: who, its answer, and whether the engine has begun to decide about it."""
