@@ -13,6 +13,7 @@ from amaze_autonomy.cns.tables import PEERS
 from amaze_autonomy.engine.commands import Command, Decision, Notify, Request
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import (
+    AutopilotStatus,
     EngineStarted,
     Event,
     LandedStatus,
@@ -146,6 +147,8 @@ class Flight:
     def _step(self, t_ns: int) -> None:
         self.t_ns = t_ns
         for event in self.world.advance(t_ns):
+            if isinstance(event, AutopilotStatus) and not self.away:
+                self.peers["mission_planner"].see_vehicle(t_ns, armed=event.armed)
             self._take(event)
         recorder = self.nodes["data_recorder"]
         self.peers["data_recorder"].look(t_ns, "main", Folder(recorder.written, recorder.open_files))

@@ -432,7 +432,37 @@ def test_a_mission_of_the_session_that_flies_is_not_ended_by_a_load(make):
     command = LoadMission(id=99, limit_ns=S, session_id=session, mission_id="1", file_index=0, repetition=0)
     reply = flight.peers["mission_planner"].answer(flight.t_ns, command)
     flight.run(S)
-    assert reply.message == "its sequencer flies (phase FLYING)"
+    assert reply.message.startswith("its sequencer is in a mission (phase FLYING), and the vehicle is armed")
+    assert flight.requests() == before
+
+
+@pytest.mark.parametrize("phase, restarted", [(P.TAKING_OFF, False), (P.FLYING, False), (P.FLYING, True)])
+def test_a_load_of_another_session_changes_nothing_while_the_vehicle_is_armed(make, phase, restarted):
+    flight = make()
+    flight.until(lambda: flight.planner[-1:] and flight.planner[-1].phase is phase and flight.vehicle.armed)
+    if restarted:
+        flight.restart(S // 5)
+        flight.run(S // 2)
+    before = flight.requests()
+    command = LoadMission(id=99, limit_ns=S, session_id="by_hand", mission_id="1", file_index=0, repetition=0)
+    reply = flight.peers["mission_planner"].answer(flight.t_ns, command)
+    flight.run(S // 2)
+    words = "and the vehicle is armed, or was just asked for something"
+    assert reply.message == f"its sequencer is in a mission (phase {phase.name}), {words}"
+    assert flight.requests() in (before, [*before, TAKEOFF])
+
+
+def test_where_it_is_not_known_whether_the_vehicle_is_armed_a_load_changes_nothing_in_flight(make):
+    flight = make()
+    flying(flight)
+    before = flight.requests()
+    planner = flight.peers["mission_planner"]
+    command = LoadMission(id=99, limit_ns=S, session_id="by_hand", mission_id="1", file_index=0, repetition=0)
+    words = "its sequencer is in a mission (phase FLYING), and it is not known whether the vehicle is armed"
+    assert planner.answer(flight.t_ns + 2 * S, command).message == words
+    planner.see_vehicle(flight.t_ns, armed=None)
+    assert planner.answer(flight.t_ns, command).message == words
+    flight.run(S)
     assert flight.requests() == before
 
 

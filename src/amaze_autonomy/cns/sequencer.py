@@ -34,6 +34,7 @@ _HEADING_AGE_NS = _S
 _LEAST_FLIGHT_NS = 60 * _S
 _SLOWER = 2  # so many times as long as was estimated a leg, or a landing, may take
 _COMES_NS = 3 * _S  # without a publisher of answers, after this process has begun
+_SAYS_NS = _S  # after an answer of its sequencer what that has changed is in a status of the vehicle
 _LAST_ID = 255
 _P = MissionPhase
 _IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
@@ -87,6 +88,7 @@ class Sequencer(Peer):
         self._ended: List[Event] = []
         self._rhythm = Rhythm(rate_hz)
         self._heading: Optional[Tuple[int, float]] = None
+        self._vehicle: Tuple[int, Optional[bool]] = (0, None)  # when its status came, whether it is armed
         self._restored = False
         self._quiet_ns, self._counted_ns = 0, 0  # of a flight, in which nothing new was said; counted up to then
         self._heard_ns = 0
@@ -150,6 +152,10 @@ class Sequencer(Peer):
     def turn(self, t_ns: int, heading_rad: float) -> None:
         """Take the vehicle's heading, counter-clockwise from east."""
         self._heading = (t_ns, heading_rad)
+
+    def see_vehicle(self, t_ns: int, *, armed: Optional[bool]) -> None:
+        """Take whether the vehicle is armed, as our autopilot node says; None: it does not know."""
+        self._vehicle = (t_ns, armed)
 
     # --- commands -------------------------------------------------------------------------------------------------
 
@@ -216,12 +222,15 @@ class Sequencer(Peer):
             return f"its sequencer knows missions 1 to {_LAST_ID} alone, and none {command.mission_id!r}"
         if not self.alive:
             return "its sequencer is not there"
+        problem = self._under_way(t_ns)
+        if problem:
+            return problem
         if self._may_be_in_its_last():
             return self._end_last(command)
         problem = self._aim(t_ns, command)
         if problem:
             return problem
-        if self._phase in _IN_FLIGHT:  # no more than DISARM was missed: the engine loads on the ground alone
+        if self._phase in _IN_FLIGHT:  # no more than DISARM was missed: the vehicle is disarmed
             self._ask(Request.DISARM)
         self._restored, self._land_until_ns, self._quiet_ns = False, None, 0
         self._loaded, self._id = command, int(command.mission_id)
@@ -231,6 +240,18 @@ class Sequencer(Peer):
         self._skipped = []
         return ""
 
+    def _under_way(self, t_ns: int) -> str:
+        """Return why a load, of whichever session, must not touch the mission; empty: the vehicle is disarmed."""
+        if self._phase not in _IN_FLIGHT and not self._may_be_in_its_last():
+            return ""
+        said_ns, armed = self._vehicle
+        words = f"its sequencer is in a mission (phase {self._phase.name})"
+        if armed is None or t_ns - said_ns > self._limits.status_max_age_ns:
+            return f"{words}, and it is not known whether the vehicle is armed"
+        if armed or self._arming_ns is not None or said_ns - self._heard_ns < _SAYS_NS:
+            return f"{words}, and the vehicle is armed, or was just asked for something"
+        return ""
+
     def _may_be_in_its_last(self) -> bool:
         """Return whether its sequencer may still be in a mission that LAND has to end."""
         if self._phase is _P.FAILED:
@@ -238,7 +259,7 @@ class Sequencer(Peer):
         return self._phase in ((_P.FLYING, _P.HOLDING) if self._restored else _IN_FLIGHT)
 
     def _end_last(self, command: LoadMission) -> str:
-        """End a mission that is over: the engine loads on the ground alone; return why it waits."""
+        """End a mission that is over, since the vehicle is disarmed; return why it waits."""
         known = self._phase is not _P.FAILED and not self._restored
         if known and self._loaded is not None and self._loaded.session_id == command.session_id:
             return f"its sequencer flies (phase {self._phase.name})"

@@ -29,6 +29,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 import rosgraph
 import rospy
 
+from amaze_autonomy import msg
 from amaze_autonomy.cns.peers import (
     Call,
     Folder,
@@ -184,6 +185,13 @@ class CnsPeersNode:
             with self._changed:
                 planner.turn(self._clock.now_ns(), heading)
 
+    def _see_vehicle(self, message: Any) -> None:
+        """Take whether the vehicle is armed: what is under way then is not ended by a load."""
+        planner = self._peers["mission_planner"]
+        if isinstance(planner, Sequencer):
+            with self._changed:
+                planner.see_vehicle(self._clock.now_ns(), armed=message.armed if message.armed_known else None)
+
     def _look(self, platform: str, folder: Optional[Folder]) -> None:
         recorder = self._peers["data_recorder"]
         if isinstance(recorder, Recorder):
@@ -246,9 +254,8 @@ class CnsPeersNode:
                 take = partial(self._hear, key)
                 topic, kind = self._names.resolved(name), self._names.classes[key]
                 self._listeners[key] = rospy.Subscriber(topic, kind, take, queue_size=_QUEUE, tcp_nodelay=True)
-        states = self._configuration.state_estimation
-        if "mission_planner" in self._peers and states.topic:
-            rospy.Subscriber(states.topic, ESTIMATE_MESSAGES[states.source], self._turn, queue_size=1, tcp_nodelay=True)
+        if "mission_planner" in self._peers:
+            self._listen_to_the_vehicle()
         for service in OURS.values():
             if service.peer in self._peers:
                 rospy.Service(service.name, SERVICE_CLASSES[service.name], partial(self._answer, service))
@@ -263,6 +270,14 @@ class CnsPeersNode:
                 self._changed.wait(_STEP_S)
         for each in self._looking:
             each.stop()
+
+    def _listen_to_the_vehicle(self) -> None:
+        """Hear its heading, and whether it is armed, for the mission planner."""
+        states = self._configuration.state_estimation
+        if states.topic:
+            rospy.Subscriber(states.topic, ESTIMATE_MESSAGES[states.source], self._turn, queue_size=1, tcp_nodelay=True)
+        kind = msg.AutopilotStatus
+        rospy.Subscriber("autopilot/status", kind, self._see_vehicle, queue_size=1, tcp_nodelay=True)
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""
