@@ -18,6 +18,7 @@ def test_a_restart_must_end_before_the_fix_is_given_up(mistake, small_file):
     )
 
 
+OF_BOTH = r"of . [a-z] [^/] (a|b) * + ? {2} \d \w alone, which rosbag and Python read alike"
 NEEDED = "must be another one, or another node: %s, and is never ended: the vehicle would be uncontrollable"
 
 
@@ -224,13 +225,25 @@ def test_recordings_are_in_a_whole_path_or_in_the_home(small, small_file, folder
             "{topics: [/camera/image]}",
             '{topics: [/camera/image], match: ["/x.*", "*/image"]}',
             "6: groups.all.match.1: is the text '*/image' (nothing to repeat at position 0); "
-            "must be a regular expression of topic names",
+            "must be a regular expression of topic names, " + OF_BOTH,
         ),
         (
             "{topics: [/camera/image]}",
             '{topics: [/camera/image], exclude: "/camera/(.*"}',
             "6: groups.all.exclude: is the text '/camera/(.*' (missing ), unterminated subpattern at position 8); "
-            "must be a regular expression of topic names",
+            "must be a regular expression of topic names, " + OF_BOTH,
+        ),
+        (
+            "{topics: [/camera/image]}",
+            "{topics: [/camera/image], match: ['/camera/(?|image|info)']}",
+            "6: groups.all.match.0: is the text '/camera/(?|image|info)' (unknown extension ?| at position 9); "
+            "must be a regular expression of topic names, " + OF_BOTH,
+        ),
+        (
+            "{topics: [/camera/image]}",
+            "{topics: [/camera/image], match: ['/[[:alpha:]]+']}",
+            "6: groups.all.match.0: is the text '/[[:alpha:]]+' ([: is another thing to Python than to rosbag); "
+            "must be a regular expression of topic names, " + OF_BOTH,
         ),
         ("folder: ~/recordings", "folders: ~/x", "1: folders: is an unknown key; did you mean folder?"),
         (

@@ -254,9 +254,13 @@ class Text(Kind):
         return entry.text
 
 
+_OF_BOTH = r"of . [a-z] [^/] (a|b) * + ? {2} \d \w alone, which rosbag and Python read alike"
+_POSIX = re.compile(r"\[:(?=[a-z]+:\])")  # as in [[:alpha:]]
+
+
 @dataclass(frozen=True)
 class Pattern(Text):
-    """A regular expression."""
+    """A regular expression of rosbag's recorder, in C++ (boost), which is read by Python as well."""
 
     said: str = "a regular expression"
     pattern: str = r"[^\x00-\x1f\x7f ]*"
@@ -264,10 +268,16 @@ class Pattern(Text):
     def read(self, entry: Entry, address: Address, places: Places) -> str:
         """Return the expression as a text."""
         text = super().read(entry, address, places)
-        try:
-            re.compile(text)
-        except re.error as error:
-            self._refuse(entry, address, f"is the text {text!r} ({error})")
+        problem, posix = "", _POSIX.search(text)
+        if posix is not None:
+            problem = f"{posix[0]} is another thing to Python than to rosbag"
+        else:
+            try:
+                re.compile(text)
+            except re.error as error:
+                problem = str(error)
+        if problem:
+            self._refuse(entry, address, f"is the text {text!r} ({problem})", f", {_OF_BOTH}")
         return text
 
 
