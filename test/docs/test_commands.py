@@ -107,6 +107,18 @@ def launch_arguments(file):
     return {argument.get("name") for argument in ET.parse(ROOT / "launch" / file).iter("arg")}
 
 
+@pytest.mark.parametrize("file", sorted(path.name for path in (ROOT / "launch").glob("*.launch")))
+def test_each_argument_of_a_launch_file_is_documented_with_its_default(file):
+    text = (ROOT / "docs" / "integrator.md").read_text()
+    table = text.partition(f"\n`{file}`:\n\n")[2].partition("\n\n")[0].splitlines()[2:]
+    arguments = ET.parse(ROOT / "launch" / file).getroot().findall("arg")
+    assert table == [
+        f"| `{each.get('name')}` | {'`' + default + '`' if default else 'empty'} | {each.get('doc')} |"
+        for each, default in ((each, each.get("default")) for each in arguments)
+        if not each.get("name").startswith("_")
+    ]
+
+
 def there_is_node(package, node, *words):
     if node in NODES:
         read_words(node, words[1:] if node == "mavlink_router" else words)  # else it raises
