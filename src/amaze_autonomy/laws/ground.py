@@ -288,7 +288,7 @@ def a_flight_ends_on_the_ground(m: Moment) -> Verdict:
 
 
 def _given_up(m: Moment) -> bool:
-    """Return True when a person ends it: after the alarm, by its last word that it is down, silent or disarmed for long."""
+    """Return True when a person ends it: alarmed, by its last word that it is down, or silent or disarmed for long."""
     asked = isinstance(m.event, ev.UserRequest) and m.event.command is ev.UserCommand.ACKNOWLEDGE
     last = m.saw.vehicle
     down = last is not None and last.armed is False and last.landed is ev.VehicleLanded.ON_GROUND
