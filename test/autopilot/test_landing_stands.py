@@ -122,6 +122,36 @@ def test_an_arming_that_arrives_after_the_disarming_is_taken_back():
     assert (flying.craft.armed, set(flying.since(flying.t_ns - 2 * S))) == (False, {"disarm"})
 
 
+@BOTH
+@EACH
+def test_no_file_is_loaded_while_a_takeoff_of_ours_arms(mission, kind):
+    """Else the takeoff is forgotten, and the vehicle stands armed with a planner that says LOADED."""
+    flying = Recorded(kind=kind)
+    flying.take_off(mission)
+    flying.until(lambda: "arm" in flying.since(0), 10 * S)
+    assert flying.load(mission, session="s2").reason == "a takeoff is under way: ABORT cancels it"
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+    assert flying.load(mission, session="s2").accepted
+
+
+@BOTH
+def test_no_file_is_loaded_while_an_arming_of_ours_may_still_come(mission):
+    """Else the landing that takes it back is forgotten."""
+    flying = Recorded()
+    flying.take_off(mission)
+    flying.until(lambda: "arm" in flying.since(0), 5 * S)
+    assert flying.command(A.ABORT) == ""
+    flying.until_phase(P.LANDED, limit_ns=5 * S)
+    late = "what was commanded less than 3 s ago may still take effect: load again"
+    flying.until(lambda: flying.load(mission).reason == late, 2 * S)
+    flying.craft.arm()
+    flying.run(2 * S)
+    assert not flying.craft.armed
+    flying.run(2 * S)
+    assert flying.load(mission).accepted
+
+
 def test_a_late_change_of_mode_of_our_own_is_landed_again():
     flying = Recorded()
     flying.take_off("line")

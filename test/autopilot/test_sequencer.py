@@ -145,6 +145,7 @@ def test_an_abort_in_flight_lands_and_on_the_ground_disarms(mission):
     assert flying.command(A.ABORT) == ""
     flying.until_phase(P.LANDED, limit_ns=10 * S)
     assert (flying.craft.armed, flying.craft.height_m, flying.status.waypoint) == (False, 0.0, 0)
+    flying.run(3 * S)  # within which what was commanded might still take effect
     flying.take_off(mission)
     flying.until_phase(P.FLYING)
     assert flying.command(A.ABORT) == ""

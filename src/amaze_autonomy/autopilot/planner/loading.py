@@ -78,13 +78,23 @@ class Origin:
 
 
 class Readiness(NamedTuple):
-    """The vehicle, and what it must be like; wall time minus the clock of the messages; why it is being landed."""
+    """The vehicle, and what it must be like.
+
+    Args:
+        watch: the vehicle.
+        spec: what it must be like.
+        in_flight: the planner's phase is one of a flight.
+        wall_ns: wall time minus the clock of the messages.
+        landing: why it is being landed, in words; empty: it is not.
+        late: what was commanded and may still take effect, in words; empty: nothing.
+    """
 
     watch: VehicleWatch
     spec: PlannerSpec
     in_flight: bool
     wall_ns: int = 0
     landing: str = ""
+    late: str = ""
 
 
 class Loading:
@@ -221,6 +231,8 @@ class Loading:
             return "the vehicle is armed"
         if self._readiness.landing:
             return f"{self._readiness.landing}: the vehicle is being disarmed"
+        if self._readiness.late:
+            return self._readiness.late
         down = watch.ground.is_down(t_ns, limit_ns)
         return "" if down else "the vehicle does not say that it is on the ground"
 

@@ -194,7 +194,7 @@ class Sequencer:
         plan = given or self._plans.get(request.mission_id)
         in_flight = self._phase in IN_FLIGHT and not self._is_down(t_ns)
         disarming = self._landing if self._procedure is not None and self._procedure.running else ""
-        readiness = Readiness(self.watch, self._spec, in_flight, self._wall(), disarming)
+        readiness = Readiness(self.watch, self._spec, in_flight, self._wall(), disarming, self._may_be_late(t_ns))
         origin = self._origin if self._origin and self._origin.session_id == request.session_id else None
         loading = Loading(request, plan, origin, readiness, self._settings.limits, t_ns)
         if loading.refused:
@@ -210,6 +210,13 @@ class Sequencer:
         messages = loading.start(t_ns)
         self._finish_loading()
         return loading, messages if self._knows_the_vehicle else ()
+
+    def _may_be_late(self, t_ns: int) -> str:
+        """Return what was commanded and may still arm the vehicle: nothing would look after it then; empty: nothing."""
+        if self._doing(_A.TAKEOFF) and self._procedure is not None and self._procedure.running:
+            return "a takeoff is under way: ABORT cancels it"
+        late = t_ns - self._commanded_ns <= _LATE_NS
+        return f"what was commanded less than {_LATE_NS / _S:g} s ago may still take effect: load again" if late else ""
 
     def _finish_loading(self) -> None:
         loading = self._loading
