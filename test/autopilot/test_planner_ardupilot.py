@@ -229,6 +229,8 @@ def test_before_its_position_is_known_it_does_not_arm_and_says_why():
     assert flying.load("line").accepted
     flying.craft.lose_gps()
     flying.run(6 * S)
+    assert flying.command(A.TAKEOFF) == "there is no fresh and valid position on the earth"
+    flying.planner.watch.somewhere = lambda *_: flying.planner.watch.place  # of an estimator that stands by it still
     assert flying.command(A.TAKEOFF) == ""
     flying.until_phase(P.FAILED, limit_ns=12 * S)
     assert flying.status.waypoint == 0

@@ -18,7 +18,7 @@ from amaze_autonomy.autopilot.planner.mission_vehicle import AIRBORNE, VehicleWa
 from amaze_autonomy.autopilot.vehicle.agreement import PowerOn
 from amaze_autonomy.engine.commands import AnswerKind, MissionAction
 from amaze_autonomy.engine.decide import ANSWERS
-from amaze_autonomy.engine.events import MissionPhase, MissionStatus, UserCommand
+from amaze_autonomy.engine.events import MissionPhase, MissionStatus, UserCommand, VehicleLanded
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.missions import Controller, Frame, Home, Trajectory, Waypoint
@@ -583,6 +583,64 @@ def test_commands_of_another_session_and_in_the_wrong_phase_are_refused():
     assert flying.command(A.RESUME) == "there is nothing to resume in phase LOADED"
     assert flying.command(A.TAKEOFF) == ""
     assert flying.command(A.TAKEOFF) == "there is nothing to fly in phase TAKING_OFF"
+
+
+def moved(flying, east_m):
+    east, north, up = flying.craft.position_m
+    flying.craft.position_m = (east + east_m, north, up)
+    flying.run(2 * S)
+
+
+@EACH
+@BOTH
+def test_a_vehicle_that_was_carried_away_after_the_load_does_not_take_off(mission, kind):
+    """The first leg, the fence and the battery were checked from where it stood."""
+    flying = Flying(kind=kind)
+    assert flying.load(mission).accepted
+    moved(flying, -40.0)
+    far = flying.command(A.TAKEOFF)
+    assert far.startswith("load it again: the vehicle stands 40.")
+    assert far.endswith(" m from where it stood when the file was loaded, at most 5 m are good")
+    assert (flying.phase, flying.craft.armed) == (P.LOADED, False)
+    moved(flying, 36.0)  # near enough, as a position drifts that stands
+    assert flying.command(A.TAKEOFF) == ""
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
+@EACH
+@BOTH
+def test_a_vehicle_that_somebody_else_arms_or_flies_after_the_load_does_not_take_off(mission, kind):
+    flying = Flying(kind=kind)
+    assert flying.load(mission).accepted
+    mode = "OFFBOARD" if kind is ARDUPILOT else "AUTO.LOITER"
+    flying.craft.command_mode(mode)
+    flying.craft.pilot_arms()
+    flying.run(1500 * MS)
+    assert flying.command(A.TAKEOFF) == "the vehicle is armed"
+    assert flying.phase is P.LOADED
+    flying.run(15 * S)
+    assert flying.craft.armed is False
+    assert flying.command(A.TAKEOFF) == ""
+
+
+@BOTH
+def test_a_vehicle_that_does_not_say_that_it_is_on_the_ground_does_not_take_off(mission):
+    flying = Flying()
+    assert flying.load(mission).accepted
+    flying.planner.watch.ground.add_landed(flying.t_ns, VehicleLanded.IN_AIR)
+    assert flying.command(A.TAKEOFF) == "the vehicle does not say that it is on the ground"
+    flying.run(S)
+    assert flying.command(A.TAKEOFF) == ""
+
+
+def test_without_a_position_on_the_earth_no_mission_takes_off():
+    flying = Flying()
+    assert flying.load("line").accepted
+    flying.planner.watch.place_ns -= 60 * S
+    assert flying.command(A.TAKEOFF) == "there is no fresh and valid position on the earth"
+    flying.run(S)
+    assert flying.command(A.TAKEOFF) == ""
 
 
 def test_by_set_points_an_autopilot_that_was_started_again_after_the_load_does_not_take_off():

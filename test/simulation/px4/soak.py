@@ -159,11 +159,11 @@ class Soak:
         raise AssertionError(f"{session} could not be loaded: {loading.reason}")
 
     def _order(self, session, action):
-        """Command something; while the vehicle is not heard the planner refuses, so it is asked again."""
+        """Command something; what was not heard yet is refused, so it is asked again."""
         for orders in range(20):
             problem, messages = self.planner.command(self.t_ns, session, action)
             self._radios[0].send(self.t_ns, messages)
-            if "silent" not in problem and "position" not in problem:
+            if not any(words in problem for words in ("silent", "position", "on the ground")):
                 return problem, orders
             self._until(lambda: False, S)
         return f"{action.name} refused: {problem}", orders

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import List, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.rules import Limits
-from amaze_autonomy.missions import Controller, Frame, Home, MissionPlan, PlannerSpec, Trajectory
+from amaze_autonomy.missions import Controller, Frame, Home, MissionPlan, Place, PlannerSpec, Trajectory
 
 from ..link.dialect import Message
 from .guidance import Climb
@@ -20,6 +20,9 @@ from .mission_vehicle import RESTART, VehicleWatch
 
 BEGINS_ANEW = f"{RESTART} of the ArduPilot is 1: a mission that is held would begin anew; set it to 0"
 """Why no mission is flown by such an autopilot."""
+NO_POSE = "there is no fresh local position"
+"""Why no file is flown by set-points."""
+_NO_PLACE = "there is no fresh and valid position on the earth"
 _NO_ORIGIN = "the place of the session's first takeoff is not known"
 _STARTED_AGAIN = "the autopilot was started again"
 _WAS_SILENT = "the vehicle was silent, and may have been started again"
@@ -123,6 +126,8 @@ class Loading:
         self._upload: Optional[MissionUpload] = None
         self._accepted = False
         self._heading_rad = 0.0  # at the takeoff, for a file that counts from it
+        self._stood: Optional[Tuple[float, float]] = None  # east and north in the local frame, where it is flown by it
+        self._stood_at: Optional[Place] = None  # likewise on the earth
         self._reason = self._problem(t_ns)
         self.refused = bool(self._reason)
 
@@ -163,6 +168,30 @@ class Loading:
         """Give it up."""
         if not self.over:
             self._reason = reason
+
+    def problem_of_takeoff(self, t_ns: int) -> str:
+        """Return why its flight does not begin as and where the vehicle stands now; empty when it does.
+
+        It was checked for a vehicle that stood disarmed where it was loaded.
+        """
+        watch, spec = self._readiness.watch, self._readiness.spec
+        return not_down(watch, t_ns, spec.vehicle_age_limit_ns) or self._carried(t_ns)
+
+    def _carried(self, t_ns: int) -> str:
+        watch, spec = self._readiness.watch, self._readiness.spec
+        away_m = 0.0
+        if self._stood is not None:
+            pose = watch.local(t_ns, spec.pose_age_limit_ns)
+            if pose is None:
+                return NO_POSE
+            away_m = math.hypot(pose.position_m[0] - self._stood[0], pose.position_m[1] - self._stood[1])
+        elif self._stood_at is not None:
+            place = watch.somewhere(t_ns, spec.vehicle_age_limit_ns)
+            if place is None:
+                return _NO_PLACE
+            away_m = math.hypot(*Home(*self._stood_at).to_local(place))
+        far = self._far_from("where it stood when the file was loaded", away_m)
+        return f"load it again: {far}" if far else ""
 
     def verification(self, t_ns: int) -> Optional[MissionUpload]:
         """Return what reads the mission on the vehicle again, and compares it; None: there is none on it."""
@@ -233,8 +262,7 @@ class Loading:
             return f"{self._readiness.landing}: the vehicle is being disarmed"
         if self._readiness.late:
             return self._readiness.late
-        down = watch.ground.is_down(t_ns, limit_ns)
-        return "" if down else "the vehicle does not say that it is on the ground"
+        return not_down(watch, t_ns, limit_ns)
 
     def _problem_of_place(self, t_ns: int) -> str:
         plan = self._plan
@@ -271,6 +299,7 @@ class Loading:
         pose = self._readiness.watch.local(t_ns, self._readiness.spec.pose_age_limit_ns)
         if pose is None:
             return "there is no fresh and valid local position"
+        self._stood = pose.position_m[:2]
         watch, wall_ns = self._readiness.watch, self._readiness.wall_ns
         if self._begins():
             boot_ns = None if watch.power_on.since_ns is None else watch.power_on.since_ns + wall_ns
@@ -288,7 +317,8 @@ class Loading:
     def _find_home(self, t_ns: int, plan: MissionPlan) -> str:
         place = self._readiness.watch.somewhere(t_ns, self._readiness.spec.vehicle_age_limit_ns)
         if place is None:
-            return "there is no fresh and valid position on the earth"
+            return _NO_PLACE
+        self._stood_at = place
         if not self._begins():
             home = self.origin.home if self.origin else None
             return _NO_ORIGIN if home is None else self._far_from_file_before(plan, *home.to_local(place))
@@ -296,6 +326,13 @@ class Loading:
         problem = self._far_from("the mission's home", math.hypot(*home.to_local(place)))
         self.origin = self.origin if problem else Origin(self.request.session_id, home=home)
         return problem
+
+
+def not_down(watch: VehicleWatch, t_ns: int, limit_ns: int) -> str:
+    """Return why a vehicle is not taken to stand disarmed on the ground; empty: messages agree that it does."""
+    if watch.armed is not False:
+        return "the vehicle is armed"
+    return "" if watch.ground.is_down(t_ns, limit_ns) else "the vehicle does not say that it is on the ground"
 
 
 def frame_begun_anew(origin: Optional[Origin], watch: VehicleWatch, wall_ns: int) -> str:

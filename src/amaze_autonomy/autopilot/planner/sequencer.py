@@ -25,7 +25,7 @@ from ..vehicle.asked import Rates
 from ..vehicle.modes import LAND, LANDING_MODES, is_foreign
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
-from .loading import BEGINS_ANEW, Loading, LoadRequest, Origin, Readiness, climb_of, frame_begun_anew
+from .loading import BEGINS_ANEW, NO_POSE, Loading, LoadRequest, Origin, Readiness, climb_of, frame_begun_anew
 from .mission_upload import UPLOAD_MESSAGES, Dialect, MissionUpload, UploadPhase, beginning
 from .mission_vehicle import OFFBOARD, RESTART, STREAMS, TAKEN, Pose, VehicleWatch
 from .procedure import Means, Procedure, Progress, steps_of
@@ -273,6 +273,7 @@ class Sequencer:
             restarts=bool(self.watch.restarts) and self._controller is Controller.MISSION,
             steered=self._flight.agreed_steered_by_others,
             begun_anew=frame_begun_anew(self._origin, self.watch, self._wall()) if offboard else "",
+            misplaced=self._loading.problem_of_takeoff(t_ns) if self._loading is not None else "",
         )
 
     @property
@@ -634,6 +635,7 @@ class Standing(NamedTuple):
         restarts: its mission would begin anew after a hold.
         steered: who has chosen the mode that it flies in, as messages agree, in words; empty: this planner.
         begun_anew: why its local frame is not the one of the origin any more, in words; empty: it is, or not needed.
+        misplaced: why the file is not taken off with as and where the vehicle stands, in words; empty: it is.
     """
 
     watch: VehicleWatch
@@ -646,6 +648,7 @@ class Standing(NamedTuple):
     restarts: bool = False
     steered: str = ""
     begun_anew: str = ""
+    misplaced: str = ""
 
 
 def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
@@ -693,4 +696,6 @@ def _unfit(standing: Standing, action: MissionAction) -> str:
         return BEGINS_ANEW
     if takes_off and standing.begun_anew:
         return f"load it again: {standing.begun_anew}"
-    return "there is no fresh local position" if takes_off and standing.lost else ""
+    if takes_off and standing.lost:
+        return NO_POSE
+    return standing.misplaced if takes_off else ""
