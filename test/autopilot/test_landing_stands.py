@@ -122,6 +122,41 @@ def test_an_arming_that_arrives_after_the_disarming_is_taken_back():
     assert (flying.craft.armed, set(flying.since(flying.t_ns - 2 * S))) == (False, {"disarm"})
 
 
+@EACH
+@pytest.mark.parametrize("up_m, where", [(-6.0, "6.0 m below"), (6.0, "6.0 m above")])
+def test_a_mission_is_not_flown_from_a_home_that_somebody_has_set_at_another_height(kind, up_m, where):
+    """Its heights count from home: a file of 3 m would be dragged along the ground, or flown at 9 m."""
+    flying = with_a_home_that_is_kept(kind, up_m)
+    flying.take_off("line")
+    flying.until_phase(P.LANDED, limit_ns=15 * S)
+    assert "AUTO.MISSION" not in flying.since(0)
+    assert flying.since(0)[-1] == "disarm"
+    assert (flying.craft.armed, flying.craft.height_m, flying.status.waypoint) == (False, 0.0, 0)
+    assert flying.status.message == f"home is {where} where it stands: set home here"
+
+
+@EACH
+def test_nor_is_it_after_a_hold_on_the_ground(kind):
+    flying = with_a_home_that_is_kept(kind, 6.0)
+    flying.take_off("line")
+    flying.until(lambda: flying.planner.watch.armed, 10 * S)
+    assert (flying.command(A.HOLD), flying.command(A.RESUME)) == ("", "")
+    flying.run(6 * S)
+    assert "AUTO.MISSION" not in flying.since(0)
+    assert flying.status.message == "home is 6.0 m above where it stands: set home here"
+
+
+def with_a_home_that_is_kept(kind, up_m):
+    flying = Recorded(kind=kind)
+    craft = flying.craft
+    home = craft.geography.place(0.0, 0.0, up_m)
+    kept = property(lambda _: home, lambda _, __: None)  # PX4: set by hand, ArduPilot: locked
+    craft.__dict__.pop("home")
+    craft.__class__ = type("Kept", (type(craft),), {"home": kept})
+    flying.run(2 * S)
+    return flying
+
+
 @BOTH
 @EACH
 def test_no_file_is_loaded_while_a_takeoff_of_ours_arms(mission, kind):

@@ -27,7 +27,7 @@ class Story:
 
     def __init__(self, action, controller=Controller.MISSION, *, copter=False, mode="", **means):
         self.watch, self.t_ns, self.copter = VehicleWatch(), 0, copter
-        self.means = Means(self.watch, S, **{"verified": True, **means})
+        self.means = Means(self.watch, S, **{"verified": True, "lifted": action is A.RESUME, **means})
         self.beat(mode or ("AUTO.LOITER" if not copter else "OFFBOARD"))
         persistent = action in (A.LAND, A.ABORT)
         steps = steps_of(controller, action, self.watch.dialect)
@@ -42,6 +42,13 @@ class Story:
         message = mavlink.MAVLink_heartbeat_message(2, autopilot, base, number, status, 3)
         message._header.srcSystem, message._header.srcComponent = 1, 1
         self.watch.take(self.t_ns, message)
+
+    def stand(self, above_home_m=0.0, landed=mavlink.MAV_LANDED_STATE_ON_GROUND):
+        """Be on the ground, and say how far above home that is."""
+        self.t_ns += MS
+        self.watch.take(self.t_ns, mavlink.MAVLink_extended_sys_state_message(0, landed))
+        height_mm = round(1000 * above_home_m)
+        self.watch.take(self.t_ns, mavlink.MAVLink_global_position_int_message(0, 1, 1, 0, height_mm, 0, 0, 0, 0))
 
     def after(self, ms):
         """Let time pass; return (command, first three parameters) of what is sent."""
@@ -63,9 +70,58 @@ def test_a_takeoff_changes_the_mode_arms_and_begins_the_mission_each_when_the_on
     story.beat("AUTO.LOITER")
     assert story.after(100) == [(ARM, 1.0, 0.0, 0.0)]
     story.beat("AUTO.LOITER", armed=True)
+    story.stand()
     assert story.after(100) == [(SET_MODE, 1.0, 4.0, 4.0)]
     story.beat("AUTO.MISSION", armed=True)
     assert (story.after(100), story.procedure.progress) == ([], Progress.DONE)
+
+
+def test_no_mission_is_entered_before_a_height_above_home_came_after_the_arming():
+    """Home is set anew by the arming; what came before it says nothing."""
+    story = Story(A.TAKEOFF)
+    story.after(0)
+    story.beat("AUTO.LOITER")
+    assert story.after(100) == [(ARM, 1.0, 0.0, 0.0)]
+    story.stand()
+    story.beat("AUTO.LOITER", armed=True)
+    assert story.after(100) == []
+    story.stand(above_home_m=6.0)  # may be as old
+    assert story.after(100) == []
+    story.stand(above_home_m=-0.9, landed=mavlink.MAV_LANDED_STATE_IN_AIR)
+    assert story.after(100) == []
+    story.stand(above_home_m=-0.9)
+    assert story.after(100) == [(SET_MODE, 1.0, 4.0, 4.0)]
+
+
+@pytest.mark.parametrize(
+    "above_home_m, reason",
+    [
+        (6.0, "home is 6.0 m below where it stands: set home here"),
+        (-1.1, "home is 1.1 m above where it stands: set home here"),
+        (None, "no height above home has come since it was armed"),
+    ],
+)
+def test_a_home_at_another_height_than_where_it_stands_ends_the_takeoff(above_home_m, reason):
+    story = Story(A.TAKEOFF)
+    story.after(0)
+    story.beat("AUTO.LOITER")
+    story.after(100)
+    sent = []
+    for _ in range(45):
+        story.beat("AUTO.LOITER", armed=True)
+        if above_home_m is not None:
+            story.stand(above_home_m)
+        sent += story.after(100)
+    assert (sent, story.procedure.progress, story.procedure.reason) == ([], Progress.FAILED, reason)
+
+
+def test_a_hold_before_lift_off_does_not_go_round_the_look_at_home():
+    story = Story(A.RESUME, lifted=False)
+    story.beat("AUTO.LOITER", armed=True)
+    story.stand(above_home_m=6.0)
+    assert story.after(100) == []
+    story.stand(above_home_m=6.0, landed=mavlink.MAV_LANDED_STATE_TAKEOFF)
+    assert story.after(100) == [(SET_MODE, 1.0, 4.0, 4.0)]
 
 
 def test_ardupilot_arms_in_guided_and_is_told_to_start():
@@ -74,6 +130,7 @@ def test_ardupilot_arms_in_guided_and_is_told_to_start():
     story.beat("OFFBOARD")
     assert story.after(100) == [(ARM, 1.0, 0.0, 0.0)]
     story.beat("OFFBOARD", armed=True)
+    story.stand()
     assert story.after(100) == [(SET_MODE, 1.0, 3.0, 0.0)]
     story.beat("AUTO.MISSION", armed=True)
     assert story.after(100) == [(START, 0.0, 0.0, 0.0)]
@@ -92,6 +149,7 @@ def test_an_accepted_start_ends_its_repetition_but_that_of_the_flight_before_doe
     for mode, armed in (("OFFBOARD", False), ("OFFBOARD", True), ("AUTO.MISSION", True)):
         story.after(100)
         story.beat(mode, armed=armed)
+        story.stand()
     assert story.after(100) == [(START, 0.0, 0.0, 0.0)]
     story.watch.take(story.t_ns, mavlink.MAVLink_command_ack_message(START, 0))
     assert (story.after(100), story.procedure.progress) == ([], Progress.DONE)

@@ -265,7 +265,7 @@ class Lawful(Lied):
     """Looks at the vehicle itself, at every message that is sent and at every moment."""
 
     def __init__(self, **how) -> None:
-        self.landing = False
+        self.landing, self._up_ns = False, None
         super().__init__(**how)
         send = self.channel.ours
 
@@ -273,13 +273,19 @@ class Lawful(Lied):
             messages = list(messages)
             for message in messages:
                 disarms = message.get_type() == "COMMAND_LONG" and self._named(message) == ["disarm"]
-                assert not (disarms and self.craft.airborne), "a flying vehicle is disarmed"
+                assert not (disarms and self.has_told_that_it_flies), "a flying vehicle is disarmed"
             send(messages)
 
         self.channel.ours = watched
 
+    @property
+    def has_told_that_it_flies(self) -> bool:
+        """True from a moment after the lift-off on: what it says of the ground comes at 5 Hz."""
+        return self.craft.airborne and self._up_ns is not None and self.t_ns - self._up_ns > 300 * MS
+
     def _see(self) -> None:
         super()._see()
+        self._up_ns = (self._up_ns or self.t_ns) if self.craft.airborne else None
         if self.craft.airborne and self.craft.armed and self.heard_up:
             assert self.phase in IN_FLIGHT, f"the planner has left its flight: {self.status}"
         if self.landing and self.craft.armed:
@@ -311,6 +317,8 @@ KINDS, MISSIONS = st.sampled_from([PX4, ARDUPILOT]), st.sampled_from(["line", "i
 @example("inside", ARDUPILOT, [(80, [("mode", "AUTO.LAND")])], 77)
 @example("inside", ARDUPILOT, [(15, [("landed", IN_AIR)])], None)
 @example("line", PX4, [(24, [("mode", "POSCTL")]), (34, [("armed", False)])], None)
+@example("line", PX4, [(0, [("status", CRITICAL)])], 40)  # as it lifts off
+@example("inside", PX4, [(0, [("status", CRITICAL)])], 49)  # likewise
 @pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(MISSIONS, KINDS, st.lists(st.tuples(WHEN, SAID), min_size=1, max_size=3), ASKED)

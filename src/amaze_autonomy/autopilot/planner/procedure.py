@@ -11,15 +11,17 @@ from dataclasses import dataclass, field
 from typing import Callable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.missions import Controller, PlannerSpec
 
 from ..link.dialect import Message, mavlink
 from ..vehicle.agreement import Agreement
 from ..vehicle.modes import HOLD, LAND, LANDING_MODES, is_foreign
 from .mission_upload import Dialect, beginning
-from .mission_vehicle import MISSION, OFFBOARD, VehicleWatch
+from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, VehicleWatch
 
 _SET_MODE, _ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+_HOME_TOLERANCE_M = 1.0  # of its height where a mission takes off: as far as an estimate of height may be off there
 _START, _TAKE_OFF = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_TAKEOFF
 
 
@@ -70,6 +72,7 @@ class Step(NamedTuple):
         only: the autopilots that need it; None: all.
         limited: given up after the limit of a command; False: it has a limit of its own.
         agreed: whether more than one message shows it; until then nothing is sent while the last one does.
+        why: why it does not show, in words; empty: nobody knows more than that.
     """
 
     name: str
@@ -81,6 +84,7 @@ class Step(NamedTuple):
     only: Optional[Dialect] = None
     limited: bool = True
     agreed: Callable[[Means], bool] = lambda _: True
+    why: Callable[[Means], str] = lambda _: ""
 
 
 # --- steps ------------------------------------------------------------------------------------------------------------
@@ -126,6 +130,27 @@ _DISARMING = Step(
 )
 
 
+def _above_home_m(means: Means) -> Optional[float]:
+    """Return how high above home it says that it is since it was armed; None: it has not said it."""
+    watch, armed_ns = means.watch, means.watch.ground.armed_ns
+    return watch.height_m if armed_ns is not None and watch.place_ns > armed_ns else None
+
+
+def _is_home(means: Means, _: int) -> bool:
+    above_m = _above_home_m(means)
+    on_ground = means.watch.landed is VehicleLanded.ON_GROUND
+    return on_ground and above_m is not None and abs(above_m) <= _HOME_TOLERANCE_M
+
+
+def _why_not_home(means: Means) -> str:
+    above_m = _above_home_m(means)
+    if above_m is None:
+        return "no height above home has come since it was armed"
+    if abs(above_m) <= _HOME_TOLERANCE_M:
+        return "the vehicle does not say that it is on the ground"
+    return f"home is {abs(above_m):.1f} m {'below' if above_m > 0 else 'above'} where it stands: set home here"
+
+
 def _began(means: Means, command: int) -> bool:
     """Return whether ArduPilot leaves the ground; its takeoff takes longer to show than a command may."""
     return means.watch.is_aloft or means.watch.results.get(command) == "MAV_RESULT_ACCEPTED"
@@ -151,6 +176,13 @@ _PREPARE = Step(
     lambda means, _: means.watch.mode == _prepare(means),
     lambda means: _mode_message(means, _prepare(means)),
     _SET_MODE,
+)
+#: The heights of a mission count from home. It is set anew by the arming, unless somebody has set (PX4) or locked
+#: (ArduPilot) it: so it is looked at armed, and what it was before may still be told for a moment.
+_HOME = Step("home where it stands", _is_home, lambda _: None, always=False, why=_why_not_home)
+#: a hold before lift-off ends the takeoff, and may be resumed
+_HOME_ON_GROUND = _HOME._replace(
+    done=lambda means, t_ns: means.lifted or means.watch.landed in AIRBORNE or _is_home(means, t_ns)
 )
 #: ArduPilot in AUTO stays on the ground until it is told to begin, and in GUIDED until it is told to take off
 _BEGIN = Step(
@@ -198,9 +230,9 @@ _STILL = Step("stop", lambda means, _: means.still or not means.streams, lambda 
 
 _Key = Tuple[Controller, MissionAction]
 _STEPS: Mapping[_Key, Tuple[Step, ...]] = {
-    (Controller.MISSION, MissionAction.TAKEOFF): (_VERIFY, _PREPARE, _ARMING, _enter(MISSION), _BEGIN),
+    (Controller.MISSION, MissionAction.TAKEOFF): (_VERIFY, _PREPARE, _ARMING, _HOME, _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.HOLD): (_enter(HOLD),),
-    (Controller.MISSION, MissionAction.RESUME): (_ITEM, _TURN, _enter(MISSION), _BEGIN),
+    (Controller.MISSION, MissionAction.RESUME): (_HOME_ON_GROUND, _ITEM, _TURN, _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.LAND): (_LANDING,),
     (Controller.MISSION, MissionAction.ABORT): (_DISARMING,),  # on the ground; airborne it is LAND
     (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _ARMING, _LIFT),
@@ -398,7 +430,8 @@ class Procedure:
         shown = f"mode {watch.mode or 'unknown'}, {'armed' if watch.armed else 'not armed'}"
         said = watch.complaints(t_ns, self._since_ns)
         limit_s, words = self._spec.command_limit_ns / 1e9, f": {'; '.join(said)}" if said else ""
-        self.reason = f"{step.name}: not shown within {limit_s:g} s ({answer or shown}){words}"
+        why = step.why(self._means)
+        self.reason = why or f"{step.name}: not shown within {limit_s:g} s ({answer or shown}){words}"
         if not self._persistent:
             self.progress = Progress.FAILED
 
