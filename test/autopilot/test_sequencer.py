@@ -933,6 +933,20 @@ def test_when_the_heading_is_not_known_any_more_it_flies_on_without():
     assert flying.status.waypoint == 3
 
 
+def test_a_takeoff_does_not_turn_to_a_heading_that_it_had_a_while_ago():
+    flying = Flying()
+    flying.craft.yaw_rad = 2.0
+    flying.run(S)
+    assert flying.load("inside").accepted
+    deaf(flying, "ATTITUDE")
+    flying.run(10 * S)
+    flying.craft.yaw_rad = LINE.waypoints[0].yaw_rad  # turned by hand meanwhile, to where its file looks
+    assert flying.command(A.TAKEOFF) == ""
+    turned = []
+    flying.until(lambda: turned.append(abs(flying.craft.yaw_rad)) or flying.craft.position_m[0] > 1.0)
+    assert max(turned) < 0.2
+
+
 def test_the_stream_goes_on_until_the_landing_is_shown():
     flying = Flying()
     flying.take_off("inside")

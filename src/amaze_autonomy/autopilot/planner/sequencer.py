@@ -333,7 +333,7 @@ class Sequencer:
                 self._settings.model,
                 self._spec,
                 pose,
-                self.watch.yaw_rad,
+                self.watch.heading(t_ns, self._spec.vehicle_age_limit_ns),
                 self.watch.target,
             )
             self._means.stream_ns = t_ns
