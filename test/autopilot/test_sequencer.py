@@ -1033,6 +1033,28 @@ def test_a_mission_that_somebody_else_puts_on_the_vehicle_in_flight_is_not_flown
     flying.until_phase(P.LANDED)
 
 
+def shifted(items):
+    """Return a mission with as many items, its last waypoint 30 m further east."""
+    return tuple(replace(item, y=item.y + 4000) if item in items[-2:] else item for item in items)
+
+
+@pytest.mark.parametrize("during", [P.TAKING_OFF, P.FLYING, P.HOLDING])
+def test_a_mission_that_somebody_else_changes_in_flight_is_not_flown_on(during):
+    """It has as many items; a PX4 tells its checksum."""
+    flying = Flying()
+    flying.take_off("line")
+    if during is P.HOLDING:
+        flying.until_phase(P.FLYING)
+        assert flying.command(A.HOLD) == ""
+    flying.until(lambda: flying.phase is during and flying.planner.watch.landed in AIRBORNE)
+    flying.craft.load_items(shifted(flying.craft.items), flying.craft.current)
+    flying.until_phase(P.FAILED, limit_ns=3 * S)
+    assert flying.status.message.startswith("somebody else has replaced the mission on the vehicle: its id is ")
+    assert flying.command(A.RESUME) != ""
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDED)
+
+
 def test_one_wrong_number_of_items_is_not_believed():
     flying = Flying()
     flying.take_off("line")

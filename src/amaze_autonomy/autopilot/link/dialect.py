@@ -1,8 +1,9 @@
 """The one place that knows which MAVLink dialect is spoken, and the little that pymavlink's types do not say.
 
 `ardupilotmega` holds all of `common` and what ArduPilot adds (EKF_STATUS_REPORT). CURRENT_MODE and EVENT of PX4 are in
-neither and are added here; whoever decodes, decodes them.
-https://mavlink.io/en/messages/development.html#CURRENT_MODE, https://mavlink.io/en/services/events.html
+neither and are added here, and MISSION_CURRENT lacks what was added to it last; whoever decodes, decodes them.
+https://mavlink.io/en/messages/development.html#CURRENT_MODE, https://mavlink.io/en/services/events.html,
+https://mavlink.io/en/messages/common.html#MISSION_CURRENT
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ __all__ = [
     "event_message",
     "mavlink",
     "message_id",
+    "mission_current_message",
     "source_of",
 ]
 
@@ -40,7 +42,7 @@ LATE_NS = 500_000_000
 
 
 def _added(name: str, number: int, extra: int, form: str, fields: Dict[str, int]) -> Any:
-    """Return the class of a message that the dialect lacks, as pymavlink's generator makes it.
+    """Return the class of a message that the dialect lacks, or has with fewer fields, as pymavlink generates it.
 
     Args:
         name: of the message.
@@ -50,7 +52,7 @@ def _added(name: str, number: int, extra: int, form: str, fields: Dict[str, int]
         fields: place on the wire by name, in the order of the definition; the last one may be an array of bytes.
     """
     known = mavlink.mavlink_map.get(number)
-    if known is not None:
+    if known is not None and set(fields) <= set(known.fieldnames):
         return known
     packer = struct.Struct(form)
     array = len(packer.unpack(bytes(packer.size))) - len(fields) + 1
@@ -110,6 +112,24 @@ event_message = _added(
         "sequence": 2,
         "log_levels": 5,
         "arguments": 6,
+    },
+)
+
+
+#: with what tells one mission from another: `mission_id` is 0 where the autopilot gives none
+mission_current_message = _added(
+    "MISSION_CURRENT",
+    42,
+    28,
+    "<HHBBIII",
+    {
+        "seq": 0,
+        "total": 1,
+        "mission_state": 2,
+        "mission_mode": 3,
+        "mission_id": 4,
+        "fence_id": 5,
+        "rally_points_id": 6,
     },
 )
 

@@ -38,6 +38,7 @@ class FlightRecord:
         self._flown = False  # it was seen in the mode that this flight is flown in
         self.failure = ""
         self.replaced = False  # what the vehicle flies is somebody else's mission, or begins anew
+        self.mission_id = 0  # by which the vehicle calls its mission, once that was read back as ours; 0: it has none
         self.landing = ""  # why it was landed, where it was
         self._resumed_item = 0  # from which the mission goes on that was held
         self._another = False  # the vehicle was armed on the ground again: what flies next is somebody else's
@@ -95,16 +96,20 @@ class FlightRecord:
             self._another = self._another or (watch.landed_ns or 0) > armed_ns
         return self.airborne and not self._another and bool(watch.armed) and watch.landed in AIRBORNE
 
-    def is_replaced(self, total: Optional[int]) -> bool:
-        """Take a MISSION_CURRENT; return True once the vehicle has said twice in a row that it has another mission.
+    def is_replaced(self, total: Optional[int]) -> str:
+        """Take a MISSION_CURRENT; return, once the vehicle has said twice in a row that it has another mission, which.
 
         Args:
             total: how many items ours has; None: it is not flown by one.
         """
-        there = self._watch.total
-        self._others = self._others + 1 if None not in (there, total) and there != total else 0
+        watch, other = self._watch, ""
+        if None not in (watch.total, total) and watch.total != total:
+            other = f"it has {watch.total} items, ours {total}"
+        elif total is not None and 0 not in (watch.mission_id, self.mission_id) and watch.mission_id != self.mission_id:
+            other = f"its id is {watch.mission_id}, ours {self.mission_id}"
+        self._others = self._others + 1 if other else 0
         self.replaced = self.replaced or self._others >= _IN_A_ROW
-        return self.replaced
+        return other if self._others >= _IN_A_ROW else ""
 
     def goes_on_from(self, item: Optional[int]) -> None:
         """Take from which item the mission is told to go on; None: it is not, or nobody knows."""

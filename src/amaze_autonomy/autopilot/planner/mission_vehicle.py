@@ -103,6 +103,7 @@ class VehicleWatch:
         self.current: Optional[int] = None
         self.current_ns: Optional[int] = None
         self.total: Optional[int] = None  # items of the mission that it has; None: it does not say
+        self.mission_id = 0  # that tells its mission from another one (PX4: a checksum); 0: it does not say
         self.reached: Optional[int] = None
         self.restarts: Optional[bool] = None  # whether a mission that was held begins anew (ArduPilot); None: not said
         self.texts = Texts()
@@ -314,6 +315,7 @@ class VehicleWatch:
         self.current, self.current_ns = message.seq, t_ns
         total = getattr(message, "total", 0)  # an extension: 0 of a vehicle that has it not, 65535 of one without items
         self.total = None if total == 0 else total % _NO_ITEMS
+        self.mission_id = getattr(message, "mission_id", 0)  # likewise
 
     def _reached(self, _: int, message: Message) -> None:
         self.reached = message.seq

@@ -105,7 +105,7 @@ class Sequencer:
         self.watch.take(t_ns, message, heard=heard)
         self._rates.heard(t_ns, message.get_type())
         if message.get_type() == "MISSION_CURRENT":
-            self._look_at_total()
+            self._look_at_mission()
             self._look_at_resume()
         sent: List[Message] = []
         if self._loading is not None and not self._loading.over:
@@ -489,8 +489,10 @@ class Sequencer:
     def _verify(self) -> None:
         """Look whether the mission on the vehicle is still the one that was sent."""
         reading = self._verification
-        if self._controller is Controller.OFFBOARD or (reading is not None and reading.phase is UploadPhase.DONE):
+        read = reading is not None and reading.phase is UploadPhase.DONE
+        if self._controller is Controller.OFFBOARD or read:
             self._means.verified, self._verification = True, None
+            self._flight.mission_id = self.watch.mission_id if read else self._flight.mission_id
         elif reading is not None and reading.over and self._procedure is not None:
             self._procedure.fail(f"the mission did not read back as it was sent: {reading.reason}")
             self._verification = None
@@ -501,15 +503,16 @@ class Sequencer:
         if late and takeoff.action is _A.TAKEOFF and not self._flight.airborne and self._knows_the_vehicle:
             takeoff.fail(f"the planner stood still for {takeoff.longest_pause_ns / _S:.1f} s")
 
-    def _look_at_total(self) -> None:
-        """Look whether the vehicle says that it has as many items as were sent: it is read back only at the takeoff."""
+    def _look_at_mission(self) -> None:
+        """Look whether the vehicle says that it has the mission that was read back at the takeoff."""
         loading, flight, procedure = self._loading, self._flight, self._procedure
         if self._landing or flight.replaced or self._phase not in (_P.TAKING_OFF, _P.FLYING, _P.HOLDING):
             return
         total = loading.total if loading is not None else None
-        if not flight.is_replaced(total):
+        other = flight.is_replaced(total)
+        if not other:
             return
-        reason = f"somebody else has replaced the mission on the vehicle: it has {self.watch.total} items, ours {total}"
+        reason = f"somebody else has replaced the mission on the vehicle: {other}"
         if self._doing(_A.TAKEOFF) and procedure is not None and procedure.running and not flight.airborne:
             procedure.fail(reason)
         else:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import random
+import zlib
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from amaze_autonomy.autopilot.link.dialect import mission_current_message
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation.vehicle.flight import Mode
 
@@ -431,7 +433,10 @@ def _extended_sys_state(view: View) -> Any:
 
 def _mission_current(view: View) -> Any:
     total = max(0, len(view.craft.items) - view.craft.home_items) or _UNKNOWN_16
-    return mavlink.MAVLink_mission_current_message(view.craft.current, total)
+    items = view.craft.items
+    tells = items and not view.craft.home_items  # a PX4, not an ArduPilot
+    mission_id = zlib.crc32(repr(items).encode()) if tells else 0
+    return mission_current_message(view.craft.current, total, 0, 0, mission_id, 0, 0)
 
 
 def _servo_output_raw(view: View) -> Any:
