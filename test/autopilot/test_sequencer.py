@@ -1055,6 +1055,143 @@ def test_a_mission_that_somebody_else_changes_in_flight_is_not_flown_on(during):
     flying.until_phase(P.LANDED)
 
 
+def without_id(flying):
+    """Have the vehicle tell no id of its mission, as an ArduPilot, an older PX4, or mavros."""
+    wake = flying.vehicle.wake
+
+    def told(t_ns):
+        messages = wake(t_ns)
+        for message in messages:
+            if message.get_type() == "MISSION_CURRENT":
+                message.mission_id = 0
+        return messages
+
+    flying.vehicle.wake = told
+    return flying
+
+
+def held(kind, hold_ns=6 * S, fate=good):
+    """Return a flight by a mission that is held so long, of which its vehicle tells no id."""
+    flying = without_id(Flying(kind=kind))
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 2.0)
+    flying.channel.fate = fate
+    flying.channel.sent.clear()
+    assert flying.command(A.HOLD) == ""
+    flying.until_phase(P.HOLDING)
+    flying.run(hold_ns)
+    return flying
+
+
+def change(flying):
+    """Change the mission on the vehicle."""
+    items = shifted(flying.craft.items)
+    flying.vehicle.px4.missions._stores[mavlink.MAV_MISSION_TYPE_MISSION] = items
+    flying.craft.load_items(items, flying.craft.current)
+
+
+REPLACED = "somebody else has replaced the mission on the vehicle: item "
+
+
+@EACH
+def test_where_no_id_tells_it_a_mission_that_is_changed_in_a_hold_is_read(kind):
+    flying = held(kind)
+    change(flying)
+    flying.until_phase(P.FAILED, limit_ns=4 * S)
+    assert flying.status.message.startswith(REPLACED)
+    assert flying.command(A.RESUME) == "there is nothing to resume in phase FAILED"
+    assert flying.planner.watch.mode == "AUTO.LOITER"
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDED)
+
+
+@EACH
+@pytest.mark.parametrize("before", [True, False])
+def test_a_mission_that_is_changed_just_before_or_after_a_resume_is_not_flown(kind, before):
+    flying = held(kind)
+    if before:
+        change(flying)
+    assert flying.command(A.RESUME) == ""
+    if not before:
+        change(flying)
+    flying.until_phase(P.FAILED, limit_ns=3 * S)
+    assert flying.status.message.startswith(REPLACED)
+    assert flying.planner.watch.mode == "AUTO.LOITER"
+
+
+@EACH
+def test_what_is_read_in_a_hold_changes_nothing_on_the_vehicle(kind):
+    flying = held(kind)
+    assert set(flying.channel.sent) <= {"MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_ACK", "COMMAND_LONG"}
+    assert 2 <= flying.channel.sent.count("MISSION_REQUEST_LIST") <= 4  # with pauses between
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.FLYING, limit_ns=3 * S)
+    flying.channel.sent.clear()
+    flying.until_phase(P.LANDED)
+    assert "MISSION_REQUEST_INT" not in flying.channel.sent
+    assert flying.status.waypoint == 3
+
+
+def test_of_a_vehicle_that_tells_an_id_no_mission_is_read_in_a_hold():
+    flying = Flying()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 2.0)
+    flying.channel.sent.clear()
+    assert flying.command(A.HOLD) == ""
+    flying.run(3 * S)
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.LANDED)
+    assert "MISSION_REQUEST_LIST" not in flying.channel.sent
+
+
+SLOW = (300 * MS,)
+
+
+@EACH
+def test_on_a_slow_way_a_resume_goes_on_with_what_was_read_in_the_hold_and_ends_when_it_was_changed_since(kind):
+    flying = held(kind, 12 * S, lambda: SLOW)
+    change(flying)
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.FAILED, limit_ns=15 * S)
+    assert flying.status.message.startswith(REPLACED)
+
+
+def test_on_a_slow_way_a_resume_goes_on_with_what_was_read_in_the_hold():
+    flying = held(ARDUPILOT, 12 * S, lambda: SLOW)
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.FLYING, limit_ns=5 * S)
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
+def test_on_a_slow_way_a_resume_right_after_the_hold_ends_where_the_mission_could_not_be_read():
+    flying = held(ARDUPILOT, 0, lambda: SLOW)
+    assert flying.command(A.RESUME) == ""
+    flying.run(4 * S)
+    assert (flying.phase, flying.status.message) == (P.HOLDING, "the mission was not read back in time to go on")
+    flying.run(10 * S)
+    assert flying.command(A.RESUME) == ""  # asked again, it does
+    flying.until_phase(P.FLYING, limit_ns=6 * S)
+
+
+def test_one_wrong_item_that_is_read_in_a_hold_is_not_believed():
+    flying = held(ARDUPILOT, 0)
+    take, wrong = flying.planner.receive, []
+
+    def once(t_ns, message, **how):
+        if message.get_type() == "MISSION_ITEM_INT" and message.seq == 3 and not wrong:
+            wrong.append(message)
+            message.y += 4000
+        return take(t_ns, message, **how)
+
+    flying.planner.receive = once
+    flying.run(5 * S)
+    assert wrong
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.LANDED)
+    assert P.FAILED not in flying.phases
+
+
 def test_one_wrong_number_of_items_is_not_believed():
     flying = Flying()
     flying.take_off("line")

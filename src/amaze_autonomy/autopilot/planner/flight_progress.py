@@ -13,6 +13,7 @@ from amaze_autonomy.missions import FlightModel, Waypoint, distance_m, leg_s
 
 from ..vehicle.modes import HOLD, LANDING_MODES, is_foreign
 from .guidance import Guidance
+from .held_mission import HeldMission
 from .loading import Loading, LoadRequest, Origin
 from .mission_upload import waypoint_index
 from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, VehicleWatch
@@ -39,6 +40,7 @@ class FlightRecord:
         self.failure = ""
         self.replaced = False  # what the vehicle flies is somebody else's mission, or begins anew
         self.mission_id = 0  # by which the vehicle calls its mission, once that was read back as ours; 0: it has none
+        self.held: Optional[HeldMission] = None  # where it is held, and has no such id
         self.landing = ""  # why it was landed, where it was
         self._resumed_item = 0  # from which the mission goes on that was held
         self._another = False  # the vehicle was armed on the ground again: what flies next is somebody else's
@@ -110,6 +112,21 @@ class FlightRecord:
         self._others = self._others + 1 if other else 0
         self.replaced = self.replaced or self._others >= _IN_A_ROW
         return other if self._others >= _IN_A_ROW else ""
+
+    def told_of_mission(self, t_ns: int, loading: Optional[Loading], *, goes_on: bool) -> bool:
+        """Take a hold, or that it goes on; return whether the vehicle itself tells another mission from ours.
+
+        Where it does not, ours is read while it is held, and when it goes on.
+        """
+        if self.held is None:
+            self.held = None if self.mission_id or loading is None else loading.held(t_ns)
+        if self.held is None:
+            return True
+        if goes_on:
+            self.held.resume(t_ns)
+        else:
+            self.held.hold()
+        return False
 
     def goes_on_from(self, item: Optional[int]) -> None:
         """Take from which item the mission is told to go on; None: it is not, or nobody knows."""

@@ -15,6 +15,7 @@ from amaze_autonomy.missions import Controller, Frame, Home, MissionPlan, Place,
 
 from ..link.dialect import Message
 from .guidance import Climb
+from .held_mission import HeldMission
 from .mission_upload import Dialect, MissionUpload, UploadPhase, mission_items
 from .mission_vehicle import RESTART, VehicleWatch
 
@@ -29,6 +30,7 @@ _WAS_SILENT = "the vehicle was silent, and may have been started again"
 _ABOVE_M = 0.2  # of the height that is waited for: no vehicle hovers exactly
 #: so far below the height of a takeoff item it is done with: PX4 by NAV_MC_ALT_RAD, ArduPilot still climbing slowly
 _DONE_BELOW_M = {Dialect.PX4: 0.8, Dialect.ARDUPILOT: 0.3}
+_TO_GO_ON_NS = 1_500_000_000  # of the engine's patience with a resume: for the change of mode
 _SAME_BOOT_NS = 5_000_000_000  # how far two readings of the same start may lie apart, of two processes
 
 
@@ -196,6 +198,18 @@ class Loading:
     def verification(self, t_ns: int) -> Optional[MissionUpload]:
         """Return what reads the mission on the vehicle again, and compares it; None: there is none on it."""
         return None if self._upload is None else self._upload.verification(t_ns, self._readiness.spec.transfer_limit_ns)
+
+    def held(self, t_ns: int) -> Optional[HeldMission]:
+        """Return what looks whether the mission is the one that was sent, while it is held; None: there is none."""
+        upload, limit_ns = self._upload, self._readiness.spec.transfer_limit_ns
+        if upload is None:
+            return None
+        patience_ns = max(0, self._limits.resume_confirm_limit_ns - _TO_GO_ON_NS)
+
+        def begin(at_ns: int) -> MissionUpload:
+            return upload.verification(at_ns, limit_ns, sets_current=False)
+
+        return HeldMission(begin, patience_ns, t_ns)
 
     def start(self, t_ns: int) -> List[Message]:
         """Return the first messages."""

@@ -247,6 +247,7 @@ class MissionUpload:
         limit_ns: time for the whole.
         dialect: of the autopilot.
         reads_only: the mission is there, and is only read and compared; another one is not replaced.
+        sets_current: its first item is set in the end; False: it is being flown.
     """
 
     def __init__(
@@ -259,10 +260,12 @@ class MissionUpload:
         dialect: Dialect = Dialect.PX4,
         *,
         reads_only: bool = False,
+        sets_current: bool = True,
     ) -> None:
         self._items, self._target, self._dialect = tuple(items), target, dialect
         self._retry_ns, self._deadline_ns = retry_ns, t_ns + limit_ns
-        self._reads_only = reads_only
+        self._reads_only, self._sets_current = reads_only, sets_current
+        self.differs = False  # another mission was read
         self.phase = UploadPhase.LIST if reads_only else UploadPhase.COUNT
         self.reason = ""
         self._sent_ns, self._resends = t_ns, 0
@@ -280,9 +283,10 @@ class MissionUpload:
         """True when it has ended, well or not."""
         return self.phase in _OVER
 
-    def verification(self, t_ns: int, limit_ns: int) -> MissionUpload:
+    def verification(self, t_ns: int, limit_ns: int, *, sets_current: bool = True) -> MissionUpload:
         """Return what reads the same mission once more: somebody else may have changed it meanwhile."""
-        return MissionUpload(self._items, self._target, t_ns, self._retry_ns, limit_ns, self._dialect, reads_only=True)
+        same = (self._items, self._target, t_ns, self._retry_ns, limit_ns, self._dialect)
+        return MissionUpload(*same, reads_only=True, sets_current=sets_current)
 
     def start(self, t_ns: int) -> List[Message]:
         """Return the first message."""
@@ -350,6 +354,9 @@ class MissionUpload:
         if len(self._read) < len(self._items):
             return self._enter(t_ns, UploadPhase.READ)
         ack = mavlink.MAVLink_mission_ack_message(*self._target, _ACCEPTED)
+        if not self._sets_current:
+            self.phase = UploadPhase.DONE
+            return [ack]
         return [ack, *self._enter(t_ns, UploadPhase.CURRENT)]
 
     def _take_refusal(self, t_ns: int, message: Message) -> List[Message]:
@@ -379,6 +386,7 @@ class MissionUpload:
     def _again(self, t_ns: int, reason: str, *, wait: bool = False) -> List[Message]:
         """Begin anew, at once or after a pause; what is only read is another mission, then."""
         if self._reads_only:
+            self.differs = True
             return self._fail(reason)
         self.reason = reason
         self._asked, self._last = -1, None

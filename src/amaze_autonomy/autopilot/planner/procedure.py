@@ -171,6 +171,7 @@ _VERIFY = Step(
     always=False,
     limited=False,
 )
+_UNCHANGED = _VERIFY._replace(name="mission read back before it goes on")
 _PREPARE = Step(
     "change to a mode to arm in",
     lambda means, _: means.watch.mode == _prepare(means),
@@ -232,7 +233,7 @@ _Key = Tuple[Controller, MissionAction]
 _STEPS: Mapping[_Key, Tuple[Step, ...]] = {
     (Controller.MISSION, MissionAction.TAKEOFF): (_VERIFY, _PREPARE, _ARMING, _HOME, _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.HOLD): (_enter(HOLD),),
-    (Controller.MISSION, MissionAction.RESUME): (_HOME_ON_GROUND, _ITEM, _TURN, _enter(MISSION), _BEGIN),
+    (Controller.MISSION, MissionAction.RESUME): (_UNCHANGED, _HOME_ON_GROUND, _ITEM, _TURN, _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.LAND): (_LANDING,),
     (Controller.MISSION, MissionAction.ABORT): (_DISARMING,),  # on the ground; airborne it is LAND
     (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _ARMING, _LIFT),

@@ -113,6 +113,7 @@ class Sequencer:
             self._finish_loading()
         if self._verification is not None:
             sent += self._verification.receive(t_ns, message)
+        sent += self._look_at_held(t_ns, message)
         sent = sent if self._knows_the_vehicle else []
         if message.get_type() in ("HEARTBEAT", "EXTENDED_SYS_STATE", "MISSION_CURRENT", "MISSION_ITEM_REACHED"):
             self._follow(t_ns)
@@ -128,6 +129,7 @@ class Sequencer:
             self._finish_loading()
         if self._verification is not None:
             sent += self._verification.wake(t_ns)
+        sent += self._look_at_held(t_ns)
         sent = sent if self._knows_the_vehicle else []
         self.watch.texts.wake(t_ns)
         self._follow(t_ns)
@@ -311,6 +313,7 @@ class Sequencer:
             held = self._flight.item if self._means.resume_item is None else self._means.resume_item
             begun = None if held is None or action is _A.HOLD else beginning(held, self.watch.dialect)
             self._flight.goes_on_from(begun)
+            self._means.verified = self._flight.told_of_mission(t_ns, self._loading, goes_on=action is _A.RESUME)
         if action in _LANDINGS:
             self._landing, self._verification = self._landing or _ASKED, None
         persistent = action in _LANDINGS
@@ -519,6 +522,21 @@ class Sequencer:
             self._procedure = None  # nothing of ours may go on with that mission
             self._fail(reason)
 
+    def _look_at_held(self, t_ns: int, message: Optional[Message] = None) -> List[Message]:
+        """Look whether a mission that is held is still ours, where the vehicle does not tell it by itself."""
+        flight, held, resume = self._flight, self._flight.held, self._procedure if self._doing(_A.RESUME) else None
+        away = self._landing or self._phase not in (_P.TAKING_OFF, _P.FLYING, _P.HOLDING)
+        if held is None or held.over or away or flight.hands_off():
+            return []
+        sent = held.wake(t_ns) if message is None else held.receive(t_ns, message)
+        self._means.verified = held.may_go_on(t_ns)
+        if held.difference:
+            flight.replaced, self._procedure = True, None
+            self._fail(f"somebody else has replaced the mission on the vehicle: {held.difference}")
+        elif resume is not None and held.is_late(t_ns):
+            resume.fail("the mission was not read back in time to go on")
+        return sent
+
     def _look_at_resume(self) -> None:
         """Look whether a mission that was held goes on, and does not begin anew (ArduPilot with MIS_RESTART)."""
         if self._landing or self._flight.replaced or self._phase not in (_P.FLYING, _P.HOLDING, _P.TAKING_OFF):
@@ -699,6 +717,4 @@ def _unfit(standing: Standing, action: MissionAction) -> str:
         return BEGINS_ANEW
     if takes_off and standing.begun_anew:
         return f"load it again: {standing.begun_anew}"
-    if takes_off and standing.lost:
-        return NO_POSE
-    return standing.misplaced if takes_off else ""
+    return (NO_POSE if standing.lost else standing.misplaced) if takes_off else ""

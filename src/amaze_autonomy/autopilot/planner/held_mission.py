@@ -1,0 +1,90 @@
+"""Whether a mission that is held is still the one that was sent, where the vehicle does not tell. Pure.
+
+A PX4 tells a checksum of its mission in MISSION_CURRENT, an ArduPilot the number of its items alone, mavros neither. So
+it is read, and nothing but read, again and again while it is held, and once more when it is to go on: that waits for
+this reading. Where the reading takes too long for that (many items, a slow way), one in the hold must do, and what was
+changed after it is found out in flight. Another mission is believed when two readings in a row differ.
+"""
+
+from __future__ import annotations
+
+from typing import Callable, List, Optional
+
+from ..link.dialect import Message
+from .mission_upload import MissionUpload, UploadPhase
+
+_PAUSE_NS = 2_000_000_000  # between two readings in a hold: others may want to read as well
+_IN_A_ROW = 2
+
+
+class HeldMission:
+    """The readings of one hold.
+
+    Args:
+        begin: returns what reads the mission once; called with the time.
+        patience_ns: how long going on waits for the reading that begins then.
+        t_ns: now.
+    """
+
+    def __init__(self, begin: Callable[[int], MissionUpload], patience_ns: int, t_ns: int) -> None:
+        self._begin, self._patience_ns = begin, patience_ns
+        self._reading: Optional[MissionUpload] = None
+        self._begun_ns = self._due_ns = t_ns
+        self._agreed_ns: Optional[int] = None  # when the last one that agreed was begun
+        self._resumed_ns: Optional[int] = None
+        self._others = 0
+        self.difference = ""  # of somebody else's mission, in words; empty: none was found
+
+    def hold(self) -> None:
+        """Take that the mission is held; what was read before it went on counts no more."""
+        self._agreed_ns = None if self.over else self._agreed_ns
+        self._resumed_ns = None
+
+    def resume(self, t_ns: int) -> None:
+        """Take that the mission is to go on: it is read anew, except where none has agreed yet."""
+        self._resumed_ns = self._due_ns = t_ns
+        if self._agreed_ns is not None:
+            self._reading = None
+
+    def may_go_on(self, t_ns: int) -> bool:
+        """Return whether the mission is ours, as far as that is known in time."""
+        if self._resumed_ns is None or self._agreed_ns is None or self._others:
+            return False
+        return self.over or t_ns - self._resumed_ns >= self._patience_ns
+
+    def is_late(self, t_ns: int) -> bool:
+        """Return whether it is not known in time."""
+        late = self._resumed_ns is not None and t_ns - self._resumed_ns >= self._patience_ns
+        return late and not self.may_go_on(t_ns)
+
+    @property
+    def over(self) -> bool:
+        """True once it was read, and is ours, since it was to go on."""
+        return self._resumed_ns is not None and self._agreed_ns is not None and self._agreed_ns >= self._resumed_ns
+
+    def receive(self, t_ns: int, message: Message) -> List[Message]:
+        """Take a message of the vehicle."""
+        reading = self._reading
+        return [] if reading is None else self._after(t_ns, reading, reading.receive(t_ns, message))
+
+    def wake(self, t_ns: int) -> List[Message]:
+        """Look at the time."""
+        reading = self._reading
+        if reading is not None:
+            return self._after(t_ns, reading, reading.wake(t_ns))
+        if self.over or self.difference or t_ns < self._due_ns:
+            return []
+        self._reading, self._begun_ns = self._begin(t_ns), t_ns
+        return self._reading.start(t_ns)
+
+    def _after(self, t_ns: int, reading: MissionUpload, sent: List[Message]) -> List[Message]:
+        if not reading.over:
+            return sent
+        self._reading, self._due_ns = None, t_ns
+        if reading.phase is UploadPhase.DONE:
+            self._agreed_ns, self._others = self._begun_ns, 0
+            self._due_ns += _PAUSE_NS if self._resumed_ns is None else 0
+        elif reading.differs:
+            self._others += 1
+            self.difference = reading.reason if self._others >= _IN_A_ROW else ""
+        return sent
