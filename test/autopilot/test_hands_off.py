@@ -5,6 +5,8 @@ And the other way round: a flag alone is no reason to leave a vehicle in our mod
 
 from __future__ import annotations
 
+from random import Random
+
 import pytest
 from autopilot_tools import beat
 from client_bench import ClientBench
@@ -14,13 +16,16 @@ from vehicle_lies import CRITICAL, Liar
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
+from amaze_autonomy.autopilot.planner.own_landing import ENDS, OwnLanding
 from amaze_autonomy.autopilot.vehicle.client import AutopilotClient, Reply
 from amaze_autonomy.autopilot.vehicle.modes import Control, Heartbeat
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
+from amaze_autonomy.missions import PlannerSpec
 from amaze_autonomy.monitoring.specs import BatterySpec
 from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
+from amaze_autonomy.simulation.px4 import Px4Settings
 
 P, A = MissionPhase, MissionAction
 EACH = pytest.mark.parametrize("kind", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
@@ -648,3 +653,235 @@ def test_a_pilot_who_returns_from_a_landing_of_the_autopilot_node_is_left_alone(
         sent = landings(bench)
         bench.advance(2.0)
         assert landings(bench) == sent
+
+
+# --- the flight mode alone is not heard -------------------------------------------------------------------------------
+
+UNKNOWN = "the flight mode is not known"
+
+
+def without(found, *names):
+    """Have messages not come, while all else does; return what has them come again."""
+    receive = found.planner.receive
+    found.planner.receive = lambda t_ns, message, **how: (
+        () if message.get_type() in names else receive(t_ns, message, **how)
+    )
+
+    def again():
+        found.planner.receive = receive
+
+    return again
+
+
+def mute(found):
+    """Have no message come that tells the flight mode."""
+    return without(found, "HEARTBEAT", "CURRENT_MODE")
+
+
+def flies_away(found, mode="POSCTL"):
+    """Have a pilot take over, and fly somewhere else."""
+    craft = found.craft
+    plain = type(craft)
+
+    class Piloted(plain):
+        def _fly(self, end):
+            if self.mode == mode:
+                self._approach((-30.0, 20.0, 4.0), end)
+            else:
+                super()._fly(end)
+
+    craft.__class__ = Piloted
+    craft.pilot_takes_over(mode, 600 * S)
+    return craft
+
+
+@EACH
+def test_a_flight_that_leaves_its_way_is_not_landed_by_itself_while_its_mode_is_not_heard(kind):
+    """A pilot may have taken over; it is landed when the engine asks for it, as a vehicle that is silent."""
+    found = flying("inside", kind)
+    mute(found)
+    found.run(500 * MS)
+    craft, told_ns = flies_away(found), found.t_ns
+    found.run(12 * S)
+    assert (found.since(told_ns), craft.mode) == ([], "POSCTL")
+    waits = "the local position stays away: it lands once its flight mode is heard"
+    assert (found.phase, found.status.message) == (P.FAILED, f"{UNKNOWN}; {waits}")
+    sent = len(found.channel.sent)
+    found.run(S)
+    assert "SET_POSITION_TARGET_LOCAL_NED" not in found.channel.sent[sent:]
+    assert [found.command(action) for action in (A.HOLD, A.RESUME)] == [UNKNOWN] * 2
+    assert found.command(A.LAND) == ""
+    assert found.since(told_ns) == [LAND]
+
+
+@EACH
+def test_it_is_not_landed_when_the_mode_that_is_heard_again_is_a_pilot_s(kind):
+    found = flying("inside", kind)
+    again = mute(found)
+    found.run(500 * MS)
+    craft, told_ns = flies_away(found), found.t_ns
+    found.run(4 * S)
+    again()
+    found.run(4 * S)
+    assert (found.since(told_ns), craft.mode) == ([], "POSCTL")
+    assert found.status.message == "the pilot has control (mode POSCTL)"
+
+
+@EACH
+def test_after_the_last_waypoint_it_waits_for_its_mode_and_lands_when_it_is_ours(kind):
+    found = flying("inside", kind)
+    found.until(lambda: found.planner._flight.reached == 2)
+    again, told_ns = mute(found), found.t_ns
+    found.until(lambda: "it lands once its flight mode is heard" in found.status.message)
+    found.run(S)
+    assert found.since(told_ns) == []
+    again()
+    found.until(lambda: LAND in found.since(told_ns), 1200 * MS)
+    found.until_phase(P.LANDED)
+    assert found.status.waypoint == found.status.waypoints
+
+
+@EACH
+def test_in_our_mode_a_vehicle_whose_mode_is_not_heard_is_not_left_for_ever(kind):
+    """PX4 lands by its own failsafe without set-points; an ArduPilot stays, and is landed when its mode is heard."""
+    found = Recorded(kind=kind, settings=Px4Settings(parameters={"COM_OBL_RC_ACT": 4}))
+    found.take_off("inside")
+    found.until(lambda: found.craft.position_m[0] > 2.0)
+    again = mute(found)
+    found.until(lambda: found.phase is P.FAILED)
+    if kind is PX4:
+        found.until(lambda: found.craft.mode == LAND, 3 * S)
+        return
+    found.run(5 * S)
+    assert found.craft.mode == "OFFBOARD"
+    again()
+    found.until_phase(P.LANDED)
+
+
+@EACH
+@BOTH
+def test_told_to_end_it_does_not_land_while_its_mode_is_not_heard(mission, kind):
+    found = flying(mission, kind)
+    again = mute(found)
+    found.run(1500 * MS)
+    found.craft.pilot_takes_over("POSCTL", 600 * S)
+    told_ns = found.t_ns
+    assert found.planner.shutdown(found.t_ns) == (True, [])
+    found.run(3 * S)  # exit_limit_s
+    assert (found.since(told_ns), found.planner.landing_shown) == ([], False)
+    assert found.planner.landing_taken == "no landing was commanded: its flight mode is not known"
+    again()
+    found.until(lambda: found.planner.landing_shown, 3 * S)
+    assert found.craft.mode == "POSCTL"
+
+
+@EACH
+@BOTH
+def test_told_to_end_it_lands_when_the_mode_is_heard_anew_and_is_ours(mission, kind):
+    found = flying(mission, kind)
+    again = mute(found)
+    found.run(1500 * MS)
+    assert found.planner.shutdown(found.t_ns) == (True, [])
+    found.run(S)
+    again()
+    found.until(lambda: found.craft.mode == LAND, 1500 * MS)
+    assert found.planner.landing_taken == ""
+
+
+def test_another_reason_for_a_landing_that_waits_does_not_make_it_wait_anew():
+    watch = VehicleWatch()
+    own = OwnLanding(watch, 3 * S)
+    for number in range(30):
+        own.want(S + number * S // 10, ("blind", "flown")[number % 2])
+    assert (own.why, own.gives_up(3900 * MS), own.gives_up(4 * S), own.gives_up(5 * S)) == ("blind", False, True, False)
+    own.want(5 * S, ENDS)
+    own.want(6 * S, "blind")
+    assert (own.why, own.gives_up(20 * S), own.is_due(20 * S)) == (ENDS, False, False)
+
+
+@EACH
+@BOTH
+@pytest.mark.parametrize("action", [A.HOLD, A.RESUME])
+def test_nothing_is_commanded_but_a_landing_where_the_mode_is_not_known(mission, kind, action):
+    found = flying(mission, kind)
+    if action is A.RESUME:
+        assert found.command(A.HOLD) == ""
+        found.until_phase(P.HOLDING)
+        found.run(2 * S)
+    mute(found)
+    found.run(3200 * MS)
+    told_ns = found.t_ns
+    assert (found.command(action), found.status.message) == (UNKNOWN, UNKNOWN)
+    found.run(S)
+    assert found.since(told_ns) == []
+    assert found.command(A.LAND) == ""
+    found.until(lambda: found.craft.mode == LAND, S)
+
+
+@EACH
+def test_a_takeoff_is_refused_where_the_mode_is_not_known(kind):
+    found = Recorded(kind=kind)
+    assert found.load("line").accepted
+    mute(found)
+    found.run(3200 * MS)
+    assert found.command(A.TAKEOFF) == UNKNOWN
+
+
+def test_whether_it_is_armed_is_not_known_from_its_mode():
+    found = flying("line")
+    without(found, "HEARTBEAT")
+    found.run(3500 * MS)
+    assert found.planner.watch.mode == "AUTO.MISSION"
+    assert found.command(A.HOLD) == found.status.message == "whether the vehicle is armed is not known"
+    found.craft.pilot_takes_over("POSCTL", 600 * S)
+    found.run(S)
+    assert found.command(A.LAND) == "the pilot has control (mode POSCTL)"
+
+
+@EACH
+@BOTH
+def test_a_hold_that_waits_ends_when_the_mode_is_not_heard_any_more(mission, kind):
+    found = flying(mission, kind)
+    found.craft.flags.ignores = (LOITER, "OFFBOARD")
+    mute(found)
+    found.run(2 * S)
+    assert found.command(A.HOLD) == ""
+    found.run(1500 * MS)
+    assert UNKNOWN in found.status.message
+    told_ns = found.t_ns
+    found.run(3 * S)
+    assert found.since(told_ns) == []
+
+
+def test_a_heartbeat_that_is_late_is_asked_for():
+    found = flying("line")
+    beat_ns = found.planner.watch.heartbeat_ns
+    again = without(found, "HEARTBEAT")
+    found.run(1600 * MS)
+    asked = [t_ns for t_ns, each in found.commands if each.command == mavlink.MAV_CMD_REQUEST_MESSAGE]
+    assert asked
+    assert asked[0] - beat_ns > 1300 * MS
+    again()
+    found.run(3 * S)
+    last = [t_ns for t_ns, each in found.commands if each.command == mavlink.MAV_CMD_REQUEST_MESSAGE][-1]
+    assert found.t_ns - last > 2 * S
+
+
+@BOTH
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_fifth_of_all_messages_lost_ends_no_flight(mission, seed):
+    """PX4 beats once a second."""
+    chance = Random(seed)
+    found = Recorded(fate=lambda: () if chance.random() < 0.2 else (chance.randrange(50) * MS,))
+    found.run(3 * S)
+    found.take_off(mission)
+    seen = set()
+    found.until(lambda: seen.add(found.status.message) or found.phase is P.LANDED)
+    assert (found.status.waypoint, UNKNOWN in seen) == (found.status.waypoints, False)
+
+
+def test_a_short_limit_makes_no_mode_unknown_between_two_heartbeats_of_a_px4():
+    found = Recorded(spec=PlannerSpec(vehicle_age_limit_ns=S // 2))
+    seen = set()
+    found.until(lambda: seen.add(found.status.message), 4 * S, must=False)
+    assert seen == {""}

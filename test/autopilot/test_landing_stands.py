@@ -371,7 +371,7 @@ def test_over_a_link_that_loses_heartbeats_the_vehicle_is_not_silent_while_it_sa
         lambda t_ns, message, **_: None if message.get_type() == "HEARTBEAT" else take(t_ns, message)
     )
     flying.run(5 * S)
-    assert flying.status.message == ""
+    assert flying.status.message == "the flight mode is not known"
 
 
 # --- uploads ----------------------------------------------------------------------------------------------------------

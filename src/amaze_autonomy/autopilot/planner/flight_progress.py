@@ -16,7 +16,7 @@ from .guidance import Guidance
 from .held_mission import HeldMission
 from .loading import Loading, LoadRequest, Origin
 from .mission_upload import waypoint_index
-from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, VehicleWatch
+from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, SILENT, VehicleWatch
 
 _COUNT_NS = 2_500_000_000  # within which an autopilot tells again at which item of the mission it is
 _COUNT_BEATS = 3  # that must be heard meanwhile: a silent vehicle may still tell
@@ -222,7 +222,6 @@ class FlightRecord:
 
 
 IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
-_SILENT = "the vehicle is silent"
 
 
 class FlightProgress(NamedTuple):
@@ -270,7 +269,9 @@ class FlightProgress(NamedTuple):
         return self.phase, self._waypoint(), self.flight.waypoints, self._words(t_ns)
 
     def _words(self, t_ns: int) -> str:
-        return self.message if self.watch.known(t_ns, self.age_limit_ns) else _SILENT
+        unknown = self.watch.unknown(t_ns, self.age_limit_ns)
+        said = "" if unknown == SILENT else self.message  # what its mode was is said as well, for the reasons in it
+        return "; ".join(filter(None, (unknown, said)))
 
     def _waypoint(self) -> int:
         """Return the waypoint it flies to, from 1; from the landing on the last one that was reached."""

@@ -22,6 +22,9 @@ from .mission_upload import Dialect
 _S = 1_000_000_000
 AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
 MISSION, OFFBOARD = "AUTO.MISSION", "OFFBOARD"
+SILENT, _ARMED_UNKNOWN = "the vehicle is silent", "whether the vehicle is armed is not known"
+MODE_LATE_NS = 1_300_000_000  # PX4 beats at 1 Hz
+_TWO_BEATS_NS = 2_300_000_000  # of a PX4: no limit makes its mode unknown between two
 
 _LANDED = {
     mavlink.MAV_LANDED_STATE_ON_GROUND: VehicleLanded.ON_GROUND,
@@ -127,6 +130,20 @@ class VehicleWatch:
     def known(self, t_ns: int, limit_ns: int) -> bool:
         """Return whether the vehicle speaks: it has beaten, and the last that it said is young."""
         return self.heartbeat_ns is not None and t_ns - self._heard_ns <= limit_ns
+
+    def tells_mode(self, t_ns: int, limit_ns: int) -> bool:
+        """Return whether it has told its flight mode lately: all else may come, and its mode not."""
+        told_ns = self.mode_ns
+        return self.known(t_ns, limit_ns) and told_ns is not None and t_ns - told_ns <= max(limit_ns, _TWO_BEATS_NS)
+
+    def unknown(self, t_ns: int, limit_ns: int) -> str:
+        """Return what nobody knows of it that must be known to command it, in words; empty: nothing."""
+        if self.mode_ns is None or self.heartbeat_ns is None or not self.known(t_ns, limit_ns):
+            return SILENT
+        for told_ns, words in ((self.mode_ns, "the flight mode is not known"), (self.heartbeat_ns, _ARMED_UNKNOWN)):
+            if t_ns - told_ns > max(limit_ns, _TWO_BEATS_NS):
+                return words if self._heard_ns - told_ns > MODE_LATE_NS else SILENT  # it came until nothing did
+        return ""
 
     def on_ground(self, t_ns: int, limit_ns: int) -> bool:
         """Return whether it says, freshly, that it is on the ground."""

@@ -18,7 +18,7 @@ from ..link.dialect import Message, mavlink
 from ..vehicle.agreement import Agreement
 from ..vehicle.modes import HOLD, LAND, LANDING_MODES, is_foreign
 from .mission_upload import Dialect, beginning
-from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, VehicleWatch
+from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, SILENT, VehicleWatch
 
 _SET_MODE, _ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 _HOME_TOLERANCE_M = 1.0  # of its height where a mission takes off: as far as an estimate of height may be off there
@@ -275,7 +275,7 @@ class Progress(enum.Enum):
     DONE = "done"
     FAILED = "failed"
     TAKEN = "taken"  # somebody else has chosen another mode
-    SILENT = "silent"  # the vehicle was not heard for too long
+    SILENT = "silent"  # the vehicle, or its flight mode, was not heard for too long
 
 
 class Procedure:
@@ -322,8 +322,10 @@ class Procedure:
         if not self.running:
             return []
         limit_ns = self._spec.vehicle_age_limit_ns
-        if not self._persistent and not self._means.watch.known(t_ns, limit_ns):
-            return self._end(Progress.SILENT, f"the vehicle was silent for {limit_ns / 1e9:g} s")
+        unknown = self._means.watch.unknown(t_ns, limit_ns)
+        if unknown and not self._persistent:
+            silent = f"the vehicle was silent for {limit_ns / 1e9:g} s"
+            return self._end(Progress.SILENT, silent if unknown == SILENT else unknown)
         self._pause(t_ns)
         while self._shown(t_ns) and self._steps[self._number].agreed(self._means):
             self._number += 1
@@ -331,7 +333,7 @@ class Procedure:
                 return self._end(Progress.DONE)
             self._since_ns, self._sent_ns, self._first_ns = t_ns, -math.inf, math.inf
             self._forget_result()
-        heard = self._means.watch.known(t_ns, limit_ns)
+        heard = self._means.watch.tells_mode(t_ns, limit_ns)
         taken, said_ns = self._taken() if heard else ("", t_ns)
         self._others.add(said_ns, so=bool(taken))
         agreed = self._others.lasts(self._means.watch.limits.pilot_confirm_ns)

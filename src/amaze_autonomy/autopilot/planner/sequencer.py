@@ -3,7 +3,8 @@
 Everything it says is read from the vehicle: a file is loaded when it reads back the same, a flight is over when the
 vehicle is disarmed on the ground. Commands are tables of steps (`mission_steps.py`); which command is good in which
 phase is a table in `admission.py`. It never commands a vehicle that a pilot flies, and never sends what nobody asked
-for, with two exceptions that the offboard flight needs: it lands after the last waypoint, and when the pose stays away.
+for, with two exceptions that the offboard flight needs: it lands after the last waypoint, and when the pose stays away;
+never without having heard just before that it flies in our mode (`own_landing.py`).
 
 A landing, commanded here or to the autopilot node, stands until the vehicle is disarmed: it replaces whatever runs, and
 nothing else is taken or sent. What else runs ends with a silence of the vehicle, and is not taken up again by itself.
@@ -19,15 +20,16 @@ from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
 
-from ..link.dialect import Message, mavlink
+from ..link.dialect import Message
 from ..vehicle.agreement import GROUND_NS, Attention
 from ..vehicle.asked import Rates
 from ..vehicle.modes import LAND, LANDING_MODES, is_foreign
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
 from .loading import BEGINS_ANEW, NO_POSE, Loading, LoadRequest, Origin, Readiness, climb_of, frame_begun_anew
-from .mission_upload import UPLOAD_MESSAGES, Dialect, MissionUpload, UploadPhase, beginning
-from .mission_vehicle import OFFBOARD, RESTART, STREAMS, TAKEN, Pose, VehicleWatch
+from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase, beginning
+from .mission_vehicle import OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
+from .own_landing import ENDS, OwnLanding, Questions
 from .procedure import Means, Procedure, Progress, steps_of
 
 PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
@@ -37,8 +39,6 @@ _S = 1_000_000_000
 _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
 _LATE_NS = 3 * _S  # within which a command of ours may still take effect, on a slow way
 _OTHER_NS = _S  # how long the autopilot node's word counts; it repeats it at 5 Hz
-_ASK_BEAT_NS = 3 * _S // 10  # between two questions
-_ASK_RESTART_NS = _S // 2  # likewise
 _STATUS_NS = _S // 5  # between two statuses of this node: the last one may be so old when it stops
 _LANDINGS = (MissionAction.LAND, MissionAction.ABORT)
 _ASKED, _FLOWN, _NO_TAKEOFF = "a landing was commanded", "the last waypoint is done with", "the takeoff failed"
@@ -92,10 +92,11 @@ class Sequencer:
         self._rates = Rates(STREAMS)
         self._verification: Optional[MissionUpload] = None
         self._landing = ""  # why it is landed, whatever else is asked for
+        self._unasked = OwnLanding(self.watch, self._spec.vehicle_age_limit_ns)
         self._commanded_ns = -_LATE_NS  # when something else than a landing was sent last
         self._other, self._other_ns = "", -_OTHER_NS
         self._attention = Attention()
-        self._beat_due_ns = self._restart_due_ns = 0
+        self._questions = Questions(self.watch)
 
     # --- the link -------------------------------------------------------------------------------------------------
 
@@ -133,30 +134,17 @@ class Sequencer:
         sent = sent if self._knows_the_vehicle else []
         self.watch.texts.wake(t_ns)
         self._follow(t_ns)
-        sent += self._proceed(t_ns) + self._stream(t_ns)
+        sent += self._proceed(t_ns) + self._stream(t_ns) + self._land_unasked(t_ns)
         if not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return sent
         asked = self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)
-        return [*sent, *self._ask_beat(t_ns), *self._ask_restart(t_ns), *asked]
+        return [*sent, *self._ask(t_ns), *asked]
 
-    def _ask_beat(self, t_ns: int) -> List[Message]:
-        """Ask for a heartbeat that must say whether a failsafe chose a mode that was not commanded here."""
-        if not self.watch.control.unexplained or t_ns < self._beat_due_ns:
-            return []
-        self._beat_due_ns = t_ns + _ASK_BEAT_NS
-        wanted = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        return [mavlink.MAVLink_command_long_message(*self.watch.target, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, *wanted)]
-
-    def _ask_restart(self, t_ns: int) -> List[Message]:
-        """Ask an ArduPilot that is to fly a mission, until it says it, whether one that is held would begin anew."""
-        watch = self.watch
-        asks = watch.dialect is Dialect.ARDUPILOT and self._loading is not None and watch.armed is False
-        if not asks or self._controller is Controller.OFFBOARD or watch.restarts is not None:
-            return []
-        if t_ns < self._restart_due_ns or not self._knows_the_vehicle:
-            return []
-        self._restart_due_ns = t_ns + _ASK_RESTART_NS
-        return [mavlink.MAVLink_param_request_read_message(*watch.target, RESTART.encode("ascii"), -1)]
+    def _ask(self, t_ns: int) -> List[Message]:
+        """Ask for what the vehicle has not said and must."""
+        unsure = self.watch.control.unexplained or self._unasked.wants_beat(t_ns)
+        flies = self._loading is not None and self._controller is not Controller.OFFBOARD and self._knows_the_vehicle
+        return [*self._questions.beat(t_ns, unsure=unsure), *self._questions.restart(t_ns, flies_a_mission=flies)]
 
     def _look(self, t_ns: int, *, read: bool = False) -> None:
         """Notice that this process stood still."""
@@ -208,7 +196,8 @@ class Sequencer:
         self._loading = loading
         self._phase, self._message, self._loaded, self._procedure = _P.IDLE, "", request, None
         self._landing, self._verification = "", None
-        self._flight, self.watch.restarts, self._restart_due_ns = FlightRecord(self.watch), None, t_ns
+        self._flight, self.watch.restarts = FlightRecord(self.watch), None
+        self._questions.forget(t_ns)
         messages = loading.start(t_ns)
         self._finish_loading()
         return loading, messages if self._knows_the_vehicle else ()
@@ -262,11 +251,24 @@ class Sequencer:
         self._begin(t_ns, self._meant(t_ns))
         return self._proceed(t_ns)
 
+    def _land_unasked(self, t_ns: int) -> List[Message]:
+        """Land as nobody has asked to, once the mode is heard; in vain: end what we send, and have failed."""
+        own = self._unasked
+        if self._landing or self._phase not in (*IN_FLIGHT, _P.FAILED):
+            own.drop()
+        if own.is_due(t_ns):
+            return self._land(t_ns, own.drop())
+        if own.gives_up(t_ns):
+            self._means.stream_ns = None
+            self._fail(own.words)
+        return []
+
     def _standing(self, t_ns: int) -> Standing:
         offboard = self._controller is Controller.OFFBOARD
         return Standing(
             watch=self.watch,
-            known=self.watch.known(t_ns, self._spec.vehicle_age_limit_ns),
+            tells_mode=self.watch.tells_mode(t_ns, self._spec.vehicle_age_limit_ns),
+            unknown=self.watch.unknown(t_ns, self._spec.vehicle_age_limit_ns),
             phase=self._phase,
             session_id=self._loaded.session_id if self._loaded else None,
             lost=offboard and self._pose(t_ns) is None,
@@ -346,17 +348,25 @@ class Sequencer:
         self._look(t_ns)
         if self._phase not in IN_FLIGHT or self._is_down(t_ns) or (self.watch.armed and self.watch.others_fly):
             return False, ()
-        return True, self._land(t_ns, "the planner ends")
+        self._unasked.want(t_ns, ENDS)
+        return True, self._land_unasked(t_ns)
 
     @property
     def landing_shown(self) -> bool:
         """True once the vehicle lands, has landed, or is somebody else's: messages agree on it."""
         ended = self._procedure is not None and not self._procedure.running and self._doing(*_LANDINGS)
-        return self._phase not in IN_FLIGHT or ended
+        return self._phase not in IN_FLIGHT or ended or self._unasked.left
+
+    @property
+    def landing_waits(self) -> bool:
+        """True while the landing is not commanded, because the flight mode is not heard."""
+        return bool(self._unasked.why)
 
     @property
     def landing_taken(self) -> str:
-        """Who has taken the vehicle from its landing, in words; empty: nobody."""
+        """Who has taken the vehicle from its landing, or why none was sent, in words; empty: neither."""
+        if self._unasked.why or self._unasked.left:
+            return self._unasked.not_sent
         procedure = self._procedure
         taken = procedure is not None and procedure.progress is Progress.TAKEN and self._doing(*_LANDINGS)
         return procedure.reason if procedure is not None and taken else ""
@@ -392,7 +402,7 @@ class Sequencer:
             counted = flight.is_counted(t_ns, asked=self._doing(_A.LAND, _A.ABORT))
             if counted and self._is_down(t_ns):
                 self._end()
-        elif watch.armed:
+        elif watch.armed and watch.tells_mode(t_ns, self._spec.vehicle_age_limit_ns):
             self._follow_armed()
 
     def _go_on(self, t_ns: int) -> None:
@@ -465,7 +475,7 @@ class Sequencer:
         if procedure is None or not procedure.running:
             return []
         lands = procedure.action in _LANDINGS
-        if not lands and t_ns < self._attention.awake_ns and not self.watch.known(t_ns, age_limit_ns):
+        if not lands and t_ns < self._attention.awake_ns and self.watch.unknown(t_ns, age_limit_ns):
             return []  # not silent: not read yet
         self._verify()
         self._give_up_late_takeoff(procedure)
@@ -592,7 +602,7 @@ class Sequencer:
         blind = guidance.blind_ns(t_ns) > _BLIND_PAUSES * self._spec.pose_age_limit_ns
         blind = blind and t_ns >= self._attention.awake_ns
         if guidance.flying and (guidance.finished or blind) and not self._lands():
-            sent += self._land(t_ns, "the local position stays away" if blind else _FLOWN)
+            self._unasked.want(t_ns, "the local position stays away" if blind else _FLOWN)
         return sent
 
     def _wants_offboard(self) -> bool:
@@ -622,7 +632,7 @@ class Sequencer:
             origin=self._origin,
             flight=self._flight,
             phase=self._phase,
-            message=self._message,
+            message=self._unasked.words or self._message,
         )
 
 
@@ -647,7 +657,8 @@ class Standing(NamedTuple):
 
     Args:
         watch: the vehicle.
-        known: it speaks.
+        tells_mode: it has told its flight mode lately.
+        unknown: what nobody knows of it that must be known, in words; empty: nothing.
         phase: of the planner.
         session_id: that is loaded; None: none is.
         lost: the local position is needed for a takeoff, and is not there.
@@ -660,7 +671,8 @@ class Standing(NamedTuple):
     """
 
     watch: VehicleWatch
-    known: bool
+    tells_mode: bool
+    unknown: str
     phase: MissionPhase
     session_id: Optional[str]
     lost: bool
@@ -675,9 +687,9 @@ class Standing(NamedTuple):
 def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
     """Return why a command is refused; empty when it is taken."""
     watch = standing.watch
-    if standing.known and watch.armed and watch.pilot:
+    if standing.tells_mode and watch.armed and watch.pilot:
         return f"the pilot has control (mode {watch.mode})"
-    if standing.known and watch.armed and watch.may_be_pilot:
+    if standing.tells_mode and watch.armed and watch.may_be_pilot:
         return f"a pilot may have control (mode {watch.mode}): whether a transmitter is heard is not known yet"
     if action not in _GOOD_IN:
         return ""
@@ -685,8 +697,8 @@ def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
 
 
 def _landed_or_silent(standing: Standing) -> str:
-    if not standing.known:
-        return "the vehicle is silent"
+    if standing.unknown:
+        return standing.unknown
     return f"{standing.landing}: it stands until the vehicle is disarmed" if standing.landing else ""
 
 

@@ -39,7 +39,7 @@ _PLANNER_ROWS: Tuple[Row, ...] = (
     ("message_retry_ns", Number(above=0.0, maximum=60.0), "time without an answer after which a message of the mission protocol is sent again", "longer than a turn of the slowest link"),
     ("command_retry_ns", Number(above=0.0, maximum=60.0), "time without an effect after which a command is sent again", "PX4 shows a change of mode with its next heartbeat; to be told twice does no harm"),
     ("command_limit_ns", Number(above=0.0, maximum=60.0), "time in which a command must show its effect", "then it has failed, with the autopilot's reason"),
-    ("vehicle_age_limit_ns", Number(above=0.0, maximum=60.0), "how old the vehicle's last message may be to be believed", "three heartbeats"),
+    ("vehicle_age_limit_ns", Number(above=0.0, maximum=60.0), "how old the vehicle's last message, its flight mode and whether it is armed may be to be believed", "three heartbeats"),
     ("setpoint_rate_hz", Number(minimum=10.0, maximum=20.0), "rate of the stream of set-points", "the link sends them when it looks at the time, 20 times a second: 20 is each time, 10 each second time, between them is one of both; PX4 needs more than 2 Hz"),
     ("setpoint_lead_ns", Number(above=0.0, maximum=60.0), "how long set-points are sent before the autopilot is told to follow them", "PX4 refuses OFFBOARD without a stream of half a second"),
     ("pose_age_limit_ns", Number(above=0.0, maximum=60.0), "how old the local position may be to be flown by", "older: stop and stand still; still older: land"),

@@ -189,10 +189,13 @@ class MissionPlannerNode:
         """Land before the link is closed, where it flies and no pilot does."""
         if not self._link.ask(self.planner.shutdown):
             return
-        lands = replace(self._status(), phase=MissionPhase.LANDING, message="the planner ends: it lands")
-        with suppress(rospy.ROSException):  # the master has closed the topic
-            self._publisher.publish(status_message(lands, self._clock.ros_ns()))  # it is no pilot who lands
-        shown = self._link.wait_for(lambda: self.planner.landing_shown, self._exit_s)
+        began_s = time.monotonic()
+        if self._link.wait_for(lambda: not self.planner.landing_waits, self._exit_s) and not self.planner.landing_taken:
+            lands = replace(self._status(), phase=MissionPhase.LANDING, message="the planner ends: it lands")
+            with suppress(rospy.ROSException):  # the master has closed the topic
+                self._publisher.publish(status_message(lands, self._clock.ros_ns()))  # it is no pilot who lands
+        left_s = max(0.0, began_s + self._exit_s - time.monotonic())
+        shown = self._link.wait_for(lambda: self.planner.landing_shown, left_s)
         taken: str = self._link.ask(lambda _: (self.planner.landing_taken, ()))
         said = taken or ("the vehicle lands" if shown else "a landing was commanded and is not confirmed")
         print(f"mission_planner: ended in flight: {said}", flush=True)
