@@ -8,7 +8,9 @@ from px4_tools import POSCTL, RTL, S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot.link.dialect import message_id
-from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, Progress, Reply
+from amaze_autonomy.autopilot.planner.mission_vehicle import STREAMS, streams_hz
+from amaze_autonomy.autopilot.vehicle.asked import Rates
+from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, Progress, Reply, asked_rates_hz
 from amaze_autonomy.config import AutopilotSettings, ConfigError
 from amaze_autonomy.config.schemas.autopilot import TakeoffNeeds
 from amaze_autonomy.engine.events import Landed, Verdict
@@ -41,6 +43,38 @@ def test_rates_are_asked_for_until_they_come_and_then_no_more():
     bench.sent.clear()
     bench.advance(20.0)
     assert len(bench.commands(ASK_RATE)) <= 2
+
+
+@pytest.mark.parametrize("first", ["planner", "autopilot node"])
+def test_where_both_nodes_share_a_channel_the_planner_asks_for_no_lower_rate(first):
+    """Behind mavlink-router a message has one rate, and who asks last says it."""
+    settings = AutopilotSettings(rates_hz={"ATTITUDE": 20.0, "SYS_STATUS": 5.0})
+    planner, node = streams_hz(settings), asked_rates_hz(settings)
+    nodes = {"planner": Rates(planner), "autopilot node": Rates(node)}
+    names = {message_id(name): name for name in {**planner, **node}}
+    rate_hz, due_ns = {}, {}
+    for t_ns in range(S, 60 * S, S // 20):
+        for name, hz in rate_hz.items():
+            if t_ns >= due_ns.get(name, 0):
+                due_ns[name] = t_ns + round(S / hz)
+                for one in nodes.values():
+                    one.heard(t_ns, name)
+        for one in [nodes[first]] if t_ns < 3 * S else nodes.values():
+            for message in one.wake(t_ns, 1, 1, ("EKF_STATUS_REPORT", "HEARTBEAT")):
+                rate_hz[names[int(message.param1)]] = 1e6 / message.param2
+    both = {name: round(rate_hz[name], 1) for name in planner if name in node and name in rate_hz}
+    assert {name: hz for name, hz in both.items() if hz < node[name]} == {}
+    assert both["ATTITUDE"] == 20.0
+
+
+def test_what_the_planner_needs_is_asked_for_whatever_the_rates_say():
+    unwanted = dict.fromkeys(["HEARTBEAT", "CURRENT_MODE", "ESTIMATOR_STATUS", "MISSION_CURRENT", "GPS_RAW_INT"], 0.0)
+    assert {name for name in STREAMS if name not in streams_hz(AutopilotSettings(rates_hz=unwanted))} == {
+        "HEARTBEAT",
+        "CURRENT_MODE",
+    }
+    assert streams_hz(AutopilotSettings(rates_hz={"ESTIMATOR_STATUS": 0.0}))["ESTIMATOR_STATUS"] == 2.0
+    assert "WIND" not in streams_hz(AutopilotSettings(rates_hz={"WIND": 1.0}))
 
 
 def test_a_rate_of_the_configuration_counts_and_with_none_nothing_is_asked_for():

@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 from typing import Callable, Dict, Mapping, NamedTuple, Optional, Tuple
 
+from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Place, PlannerSpec
 
 from ..link.dialect import Message, mavlink, source_of
 from ..vehicle.agreement import Agreement, Ground, PowerOn
+from ..vehicle.client import asked_rates_hz
 from ..vehicle.modes import LAND, Control, Heartbeat, is_foreign, is_piloted, mode_name, mode_number
 from ..vehicle.texts import Texts
 from ..vehicle.vehicle import SystemStatus
@@ -380,4 +382,18 @@ STREAMS: Mapping[str, float] = {
     "CURRENT_MODE": 10.0,
     "MISSION_CURRENT": 2.0,
 }
-"""Streams that the planner asks for, and their rates in Hz."""
+"""Streams that the planner needs, and their rates in Hz."""
+_COME_UNASKED = ("HEARTBEAT", "CURRENT_MODE")  # seldom: asked for, a takeover is noticed earlier
+
+
+def streams_hz(settings: AutopilotSettings) -> Mapping[str, float]:
+    """Return what the planner asks for, and at which rates: never below what the autopilot node asks for.
+
+    Where both share a channel to the vehicle, a message has one rate there, and who asks last says it.
+
+    Raises:
+        ConfigError: `rates_hz` of autopilot.yaml names what is no message.
+    """
+    theirs, unwanted = asked_rates_hz(settings), [name for name, hz in settings.rates_hz.items() if not hz]
+    ours = {name: hz for name, hz in STREAMS.items() if name not in unwanted or name not in _COME_UNASKED}
+    return {name: max(hz, theirs.get(name, 0.0)) for name, hz in ours.items()}

@@ -12,7 +12,7 @@ nothing else is taken or sent. What else runs ends with a silence of the vehicle
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import MissionAction
@@ -55,12 +55,14 @@ class SequencerSettings:
         spec: limits.
         model: how the vehicle flies.
         limits: of the engine: the height of each climb, and for how long messages must agree.
+        streams_hz: what is asked for, and at which rates.
     """
 
     plans: Tuple[MissionPlan, ...]
     spec: PlannerSpec
     model: FlightModel
     limits: Limits
+    streams_hz: Mapping[str, float] = field(default_factory=lambda: STREAMS)
 
 
 class Sequencer:
@@ -89,7 +91,7 @@ class Sequencer:
         self._procedure: Optional[Procedure] = None
         self._flight = FlightRecord(self.watch)
         self._setpoint_ns = 0
-        self._rates = Rates(STREAMS)
+        self._rates = Rates(settings.streams_hz)
         self._verification: Optional[MissionUpload] = None
         self._landing = ""  # why it is landed, whatever else is asked for
         self._unasked = OwnLanding(self.watch, self._spec.vehicle_age_limit_ns)

@@ -251,7 +251,7 @@ AUTOPILOT = Group(
         Key(
             "rates_hz",
             Named("messages of MAVLink", r"[A-Z][A-Z0-9_]{1,49}", Number(minimum=0.0, maximum=50.0)),
-            "messages that are asked for at another rate than ours (docs/autopilot.md); 0: not asked for",
+            "messages that are asked for at another rate than ours (docs/autopilot.md); 0: not asked for, but by the planner, which needs its own but HEARTBEAT and CURRENT_MODE",
             "a rule on a new message asks for it in every configuration; a slow radio may want less",
             {},
         ),

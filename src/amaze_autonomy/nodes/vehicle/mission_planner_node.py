@@ -35,6 +35,7 @@ from amaze_autonomy.ros.clock import Clock
 from ...autopilot.link.connection import link_problem
 from ...autopilot.link.state_files import keep, origin_from, origin_to, read_kept
 from ...autopilot.planner.loading import Loading, LoadRequest
+from ...autopilot.planner.mission_vehicle import streams_hz
 from ...autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from ...engine.events import Check, Verdict
 from ...ros.interface import CheckDiagnostics, status_message
@@ -64,7 +65,8 @@ class MissionPlannerNode:
         self._clock, self._configuration = clock, configuration
         self._spec = spec = configuration.planner
         self._exit_s = configuration.autopilot.commands.exit_limit_ns / _S
-        settings = SequencerSettings(configuration.plans, spec, configuration.flight, configuration.rules.limits)
+        limits, rates_hz = configuration.rules.limits, streams_hz(configuration.autopilot)
+        settings = SequencerSettings(configuration.plans, spec, configuration.flight, limits, rates_hz)
         self._kept = default_parent() / f"{rospy.get_name().strip('/').replace('/', '.')}.json"
         self.planner = Sequencer(settings, origin_from(read_kept(self._kept)), lambda: time.time_ns() - clock.now_ns())
         autopilot = configuration.autopilot
