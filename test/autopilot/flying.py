@@ -200,6 +200,7 @@ __all__ = [
     "ARDUPILOT",
     "ARM",
     "BACK",
+    "LIFT",
     "LIMITS",
     "LINE",
     "MS",

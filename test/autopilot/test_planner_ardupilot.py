@@ -6,8 +6,8 @@ import math
 from random import Random
 
 import pytest
-from flying import ARDUPILOT, BACK, LINE, MS, PX4, Flying, Recorded, S, plan
-from vehicle_lies import CRITICAL, Liar
+from flying import ARDUPILOT, BACK, LIFT, LINE, MS, PX4, Flying, Recorded, S, plan
+from vehicle_lies import CRITICAL, ON_GROUND, Liar
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.engine.commands import MissionAction
@@ -306,3 +306,36 @@ def test_a_hold_on_the_ground_after_the_start_is_resumed():
     assert flying.command(A.RESUME) == ""
     flying.until_phase(P.LANDED)
     assert flying.status.waypoint == 3
+
+
+def test_by_set_points_a_takeoff_that_was_held_before_it_took_effect_is_commanded_again_with_the_resume():
+    """The takeoff was lost on its way: on the ground no set-point is followed, and nothing else leads up."""
+    flying = Recorded(kind=ARDUPILOT)
+    send, lost = flying.channel.ours, []
+
+    def losing(messages):
+        messages = list(messages)
+        first = [each for each in messages if getattr(each, "command", None) == LIFT and not lost]
+        lost.extend(first)
+        send([each for each in messages if each not in first])
+
+    flying.channel.ours = losing
+    flying.take_off("inside")
+    flying.until(lambda: lost)
+    flying.run(100 * MS)
+    assert flying.command(A.HOLD) == flying.command(A.RESUME) == ""
+    flying.until_phase(P.LANDED)
+    assert (flying.status.waypoint, flying.status.message) == (3, "")
+
+
+def test_by_set_points_a_resume_in_the_air_commands_no_takeoff():
+    flying = Recorded(kind=ARDUPILOT)
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert flying.command(A.HOLD) == ""
+    flying.until_phase(P.HOLDING)
+    Liar(flying.planner, copter=True).always(("landed", ON_GROUND))
+    told_ns = flying.t_ns
+    assert flying.command(A.RESUME) == ""
+    flying.run(2 * S)
+    assert "takeoff" not in flying.since(told_ns)

@@ -196,7 +196,7 @@ _BEGIN = Step(
 )
 _LIFT = Step(
     "takeoff",
-    lambda means, _: _began(means, _TAKE_OFF),
+    lambda means, _: means.lifted or _began(means, _TAKE_OFF),
     _lift_message,
     _TAKE_OFF,
     always=False,
@@ -238,7 +238,7 @@ _STEPS: Mapping[_Key, Tuple[Step, ...]] = {
     (Controller.MISSION, MissionAction.ABORT): (_DISARMING,),  # on the ground; airborne it is LAND
     (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _ARMING, _LIFT),
     (Controller.OFFBOARD, MissionAction.HOLD): (_STREAM, _enter(OFFBOARD), _STILL),
-    (Controller.OFFBOARD, MissionAction.RESUME): (_STREAM, _enter(OFFBOARD)),
+    (Controller.OFFBOARD, MissionAction.RESUME): (_STREAM, _enter(OFFBOARD), _LIFT),  # a takeoff that was held
     (Controller.OFFBOARD, MissionAction.LAND): (_LANDING,),
     (Controller.OFFBOARD, MissionAction.ABORT): (_DISARMING,),
 }
