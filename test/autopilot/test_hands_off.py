@@ -885,3 +885,91 @@ def test_a_short_limit_makes_no_mode_unknown_between_two_heartbeats_of_a_px4():
     seen = set()
     found.until(lambda: seen.add(found.status.message), 4 * S, must=False)
     assert seen == {""}
+
+
+# --- moved in the hold ------------------------------------------------------------------------------------------------
+
+MOVED = "somebody else has moved it in the hold"
+
+
+def goes_to(found, place):
+    """Have a ground station send it somewhere in AUTO.LOITER (DO_REPOSITION); return what ends that."""
+    craft, plain = found.craft, type(found.craft)
+
+    class Sent(plain):
+        def _fly(self, end):
+            if self.mode == LOITER:
+                self._approach(place, end)
+            else:
+                super()._fly(end)
+
+    craft.__class__ = Sent
+
+    def end():
+        craft.__class__, craft._leg = plain, None
+
+    return end
+
+
+def test_from_a_place_to_which_somebody_has_sent_it_in_our_hold_nothing_is_resumed():
+    found = held("line")
+    end = goes_to(found, (-20.0, -15.0, 2.0))
+    found.until(lambda: found.status.message == MOVED, 20 * S)
+    found.run(5 * S)
+    end()
+    told_ns = found.t_ns
+    assert (found.phase, found.command(A.RESUME)) == (P.HOLDING, MOVED)
+    assert found.command(A.HOLD) == ""
+    found.run(3 * S)
+    assert (found.command(A.RESUME), found.status.message) == (MOVED, MOVED)
+    assert MISSION not in found.since(told_ns)
+    assert found.command(A.LAND) == ""
+    found.until_phase(P.LANDED)
+
+
+@EACH
+@BOTH
+def test_a_hold_in_a_gust_is_resumed_and_held_again_somewhere_else(mission, kind):
+    found = flying(mission, kind)
+    for east_m in (3.0, 7.0):
+        found.until(lambda east_m=east_m: found.craft.position_m[0] > east_m)
+        assert found.command(A.HOLD) == ""
+        found.until_phase(P.HOLDING)
+        found.run(4 * S)
+        east, north, up = found.craft.position_m
+        end = goes_to(found, (east - 2.0, north + 2.5, up + 1.0))
+        found.run(4 * S)
+        end()
+        found.run(S)
+        assert (found.status.message, found.command(A.RESUME)) == ("", "")
+        found.until_phase(P.FLYING)
+    found.until_phase(P.LANDED)
+    assert found.status.waypoint == 3
+
+
+def test_a_position_or_two_that_are_far_away_for_a_moment_are_no_move():
+    found = held("line")
+    take, lies = found.planner.watch.take, []
+
+    def lying(t_ns, message, **how):
+        if message.get_type() == "LOCAL_POSITION_NED" and len(lies) < 5:
+            lies.append(message)
+            message.x += 30.0
+        take(t_ns, message, **how)
+
+    found.planner.watch.take = lying
+    found.run(3 * S)
+    assert (len(lies), found.status.message, found.command(A.RESUME)) == (5, "", "")
+
+
+def test_where_it_comes_to_rest_is_what_counts_not_where_it_was_told_to_hold():
+    found = Recorded()
+    found.take_off("line")
+    found.until(lambda: found.craft.position_m[0] > 1.5)
+    told_m = found.craft.position_m
+    end = goes_to(found, (told_m[0] + 6.0, told_m[1], told_m[2]))  # as a fast vehicle brakes
+    assert found.command(A.HOLD) == ""
+    found.run(6 * S)
+    end()
+    assert found.craft.position_m[0] - told_m[0] > 5.0
+    assert (found.status.message, found.command(A.RESUME)) == ("", "")

@@ -278,6 +278,7 @@ class Sequencer:
             other=self._other if t_ns - self._other_ns < _OTHER_NS else "",
             restarts=bool(self.watch.restarts) and self._controller is Controller.MISSION,
             steered=self._flight.agreed_steered_by_others,
+            moved=self._flight.held.words,
             begun_anew=frame_begun_anew(self._origin, self.watch, self._wall()) if offboard else "",
             misplaced=self._loading.problem_of_takeoff(t_ns) if self._loading is not None else "",
         )
@@ -405,7 +406,7 @@ class Sequencer:
             if counted and self._is_down(t_ns):
                 self._end()
         elif watch.armed and watch.tells_mode(t_ns, self._spec.vehicle_age_limit_ns):
-            self._follow_armed()
+            self._follow_armed(t_ns)
 
     def _go_on(self, t_ns: int) -> None:
         """Take back that the flight is over; what was commanded last is so still: it lands, or flies on."""
@@ -416,7 +417,7 @@ class Sequencer:
             self._landing = self._flight.landing
             self._begin(t_ns, _A.LAND)
 
-    def _follow_armed(self) -> None:
+    def _follow_armed(self, t_ns: int) -> None:
         """Read the phase of a vehicle that is armed; LANDING is ours: the engine takes its mode for ours then."""
         watch, flight, procedure = self.watch, self._flight, self._procedure
         others = watch.mode in LANDING_MODES and not self._landing and LAND not in self._means.commanded
@@ -425,7 +426,9 @@ class Sequencer:
         elif self._phase is _P.LANDING:
             self._phase = _P.FLYING
         lands = f"somebody else lands the vehicle (mode {watch.mode})" if others else ""
-        others_fly = lands or flight.hands_off() or flight.steered_by_others
+        if not (self._doing(_A.RESUME) and procedure is not None and procedure.running):
+            flight.look_at_the_hold(self._pose(t_ns))
+        others_fly = lands or flight.hands_off() or flight.steered_by_others or flight.held.words
         self._message = others_fly or (procedure.reason if procedure else "") or flight.failure or self._why_landed
 
     def _doing(self, *actions: MissionAction) -> bool:
@@ -668,6 +671,7 @@ class Standing(NamedTuple):
         other: what the autopilot node commands; empty: nothing.
         restarts: its mission would begin anew after a hold.
         steered: who has chosen the mode that it flies in, as messages agree, in words; empty: this planner.
+        moved: who has moved it in its hold, in words; empty: nobody.
         begun_anew: why its local frame is not the one of the origin any more, in words; empty: it is, or not needed.
         misplaced: why the file is not taken off with as and where the vehicle stands, in words; empty: it is.
     """
@@ -682,6 +686,7 @@ class Standing(NamedTuple):
     other: str = ""
     restarts: bool = False
     steered: str = ""
+    moved: str = ""
     begun_anew: str = ""
     misplaced: str = ""
 
@@ -725,6 +730,8 @@ def _unfit(standing: Standing, action: MissionAction) -> str:
         return standing.steered
     if not takes_off and (watch.mode in LANDING_MODES or watch.lands):
         return f"the vehicle lands (mode {watch.mode})"
+    if action is _A.RESUME and standing.moved:
+        return standing.moved
     if takes_off and standing.other:
         return f"the autopilot node commands {standing.other}"
     if takes_off and standing.restarts:
