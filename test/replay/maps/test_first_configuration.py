@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import yaml
 from replay_bags import START_NS, S, distance, header, imu, magnetic, make, write_bag
 
-from amaze_autonomy import cli
+from amaze_autonomy import cli, paths
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
 from amaze_autonomy.replay.maps.topic_map import load_map
@@ -54,6 +55,51 @@ def test_what_comes_over_mavros_is_of_the_autopilot_and_flown_through_it(capsys,
     )
     assert yaml.safe_load((folder / "autopilot.yaml").read_text()) == {"backend": "mavros"}
     assert "landing_detection: no range finder" in said
+
+
+def images(tmp_path, *topics):
+    """Return a recording with cameras of these topics."""
+    step_ns, rows = S // 10, []
+    for t_ns in range(START_NS, START_NS + 5 * S, step_ns):
+        rows += [(t_ns, topic, _image(t_ns)) for topic in topics]
+    return write_bag(tmp_path / "cameras.bag", rows)
+
+
+def _image(t_ns):
+    size = {"height": 1, "width": 1, "encoding": "mono8", "is_bigendian": 0, "step": 1}
+    return make("sensor_msgs/msg/Image", header=header(t_ns), data=np.zeros(1, dtype=np.uint8), **size)
+
+
+@pytest.mark.parametrize(
+    "topic, name, row",
+    [
+        ("/mission_camera/image_raw", "mission_camera", "mission_camera"),
+        ("/mission_camera/image_small", "mission_camera_image_small", "mission_camera"),
+        ("/realsense/image_raw", "realsense", "realsense_camera"),
+        ("/realsense/depth/image", "realsense_depth", "realsense_camera"),
+    ],
+    ids=["by its name", "by its node", "by its topic", "by its node, with others of it"],
+)
+def test_a_component_is_as_bad_as_the_decision_table_that_ships_has_it(capsys, tmp_path, topic, name, row):
+    status, said, folder = proposed(capsys, tmp_path, images(tmp_path, topic))
+    assert status == 0, said
+    shipped = yaml.safe_load((paths.config_folder() / "sensors.yaml").read_text())["components"][row]
+    found = yaml.safe_load((folder / "sensors.yaml").read_text())["components"][name]
+    assert [found.get(key) for key in ("severity", "wait_limit_s")] == [
+        shipped.get(key) for key in ("severity", "wait_limit_s")
+    ]
+    like = "" if name == row else f", as {row} of the decision table"
+    assert f"{name}: {topic}, 10 Hz, fails after 0.5 s; severity {shipped['severity']}{like}\n" in said
+    (replayed,) = load_map(str(folder / "map.yaml")).components
+    assert (replayed.severity, replayed.wait_limit_ns) == (None, None)  # as configured
+
+
+def test_what_no_decision_table_knows_is_moderate(capsys, tmp_path):
+    status, said, folder = proposed(capsys, tmp_path, images(tmp_path, "/fisheye/image_raw"))
+    assert status == 0, said
+    found = yaml.safe_load((folder / "sensors.yaml").read_text())["components"]["fisheye"]
+    assert (found["severity"], found["wait_limit_s"]) == ("moderate", 10.0)
+    assert "; severity moderate, as what no decision table knows\n" in said
 
 
 def test_a_topic_whose_name_begins_with_a_digit_somewhere_is_as_good_as_others(capsys, tmp_path):

@@ -36,15 +36,7 @@ _VEHICLE = ("/mavros/", "/px4/", "/mavlink/", "/fmu/")
 _NO_TOPICS = "/mavlink/"  # messages of a telemetry log
 _HOP = "trajectories/hop.csv"
 _WAITS_S = 10.0
-_SEVERITIES: Mapping[str, str] = {
-    "gps": "low",
-    "imu": "highest",
-    "magnetometer": "moderate",
-    "barometer": "moderate",
-    "lrf": "high",
-}
-"""As the decision table that ships has them; everything else is moderate."""
-
+_SEVERITY = "moderate"  # of what the decision table that ships does not know
 _RANGES: Mapping[str, str] = {"sensor_msgs/Range": "range", "sensor_msgs/LaserScan": "scan"}
 _CAMERAS = ("sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/PointCloud2")
 _TOPIC_KEYS = ("rate_hz", "age_limit_s", "tolerance_fraction", "rate_failed_fraction")
@@ -81,6 +73,7 @@ class _Maker:
         self._map, self._text = found, proposal.text
         self._kinds = {name: kind for name, kind in proposal.kinds if not name.startswith(_NO_TOPICS)}
         self._readings: Mapping[str, Any] = found.get("readings") or {}
+        self._table: Mapping[str, Any] = _decision_table()
         self._mavros = any(topic.startswith("/mavros/") for topic in self._kinds)
         self.assumed: List[str] = [f"found: {line}" for line in proposal.found]
 
@@ -111,14 +104,18 @@ class _Maker:
         }
 
     def _component(self, name: str, row: Mapping[str, Any]) -> Dict[str, Any]:
-        topic, severity = str(row["topic"]), _SEVERITIES.get(name, "moderate")
+        topic = str(row["topic"])
+        known = _table_row(name, topic, self._table)
+        found = self._table.get(known, {})
+        severity = str(found.get("severity", _SEVERITY))
         ours = name in _PX4 and topic.startswith(_VEHICLE)
         values: Dict[str, Any] = {"group": "px4" if ours else "other", "severity": severity}
         if severity in ("moderate", "high"):
-            values["wait_limit_s"] = _WAITS_S
+            values["wait_limit_s"] = found.get("wait_limit_s", _WAITS_S)
         values["topics"] = {topic: {key: row[key] for key in _TOPIC_KEYS if key in row}}
         rate = f"{row['rate_hz']:g} Hz, fails after {row['age_limit_s']:g} s"
-        why = "" if name in _SEVERITIES else ", as what no decision table knows"
+        like = f", as {known} of the decision table" if known else ", as what no decision table knows"
+        why = "" if known == name else like
         self.assumed.append(f"{name}: {topic}, {rate}; severity {severity}{why}")
         return values
 
@@ -177,6 +174,21 @@ class _Maker:
             "platforms": {"main": {"groups": list(groups)}},
             "groups": {name: {"topics": topics} for name, topics in groups.items()},
         }
+
+
+def _decision_table() -> Mapping[str, Any]:
+    """Return the rows of the decision table that ships, by their names."""
+    found = yaml.safe_load((paths.config_folder() / "sensors.yaml").read_text(encoding="utf-8"))
+    return dict(found["components"])
+
+
+def _table_row(name: str, topic: str, table: Mapping[str, Any]) -> str:
+    """Return the name of the row that a component is: that of its name, topic or node; empty: there is none."""
+    if name in table:
+        return name
+    of_topic = (known for known, row in table.items() if topic in row.get("topics", ()))
+    of_node = (known for known, row in table.items() if "node" in row and topic.startswith(f"{row['node']}/"))
+    return next(of_topic, next(of_node, ""))
 
 
 def _written(values: Mapping[str, Any]) -> str:

@@ -250,7 +250,7 @@ class _Maker:
             if topic.kind in _CAMERAS and "compressedDepth" not in topic.name:
                 name = _component_name(topic.name, names)
                 names.append(name)
-                lines += _component(name, topic, ", severity: moderate, wait_limit_s: 10.0")
+                lines += _component(name, topic)
         return lines
 
     def _tells_health(self, name: str) -> bool:
