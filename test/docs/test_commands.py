@@ -45,6 +45,7 @@ DIFFERENT = {
     "amaze-autonomy simulate --faults lrf": 1,  # landed early
     "amaze-replay coverage": 1,  # of one scenario
     "amaze-replay journal 2": 1,  # it flew with other limits
+    "amaze-replay journal journal.jsonl --set": 4,  # nothing fails in the flight at hand, so no decision asked for it
     "amaze-replay run flight.tlog --flight 2": 2,  # the recording at hand has one flight
     "amaze-replay run flight.tlog sensors.bag": 2,  # those at hand are not of one day
     "amaze-replay shrink": 2,  # it decides as its golden says

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from shutil import copytree
 
 import pytest
 from replay_bags import START_NS, S, flight_rows, header, make, write_bag
@@ -154,6 +155,63 @@ def test_exit_status_and_words_of_the_command(journal_file, capsys):
         f"amaze-replay: {journal_file}: line 1: not JSON: Expecting value: line 1 column 1 (char 0) (truncated or "
         "damaged)\n"
     )
+
+
+OF_NODES = "a journal holds what the nodes said, so the engine's rules alone decide"
+OF_CODES = "the codes in a journal are those that its watchdog gave by the severity of then"
+UNREAD = [
+    ("sensors.components.magnetometer.topics./px4/magnetometer.rate_hz", "10.0", OF_NODES),
+    ("sensors.components.magnetometer.topics./px4/magnetometer.age_limit_s", "5.0", OF_NODES),
+    ("sensors.landing_detection.ground_distance_m", "0.12", OF_NODES),
+    ("sensors.state_estimation.tilt_limit_deg", "9.0", OF_NODES),
+    ("sensors.components.imu.severity", "low", OF_CODES),
+    ("autonomy.commands.user_hold_limit_s", "20.0", "no decision asked for it"),
+]
+
+
+@pytest.mark.parametrize("key, value, reason", UNREAD, ids=[key for key, _, _ in UNREAD])
+def test_a_key_that_a_journal_cannot_look_at_is_named_and_is_the_exit_status(journal_file, capsys, key, value, reason):
+    change = ["--set", f"{key}={value}"]
+    assert main(["journal", str(journal_file), *change]) == 4
+    first, *others = capsys.readouterr().out.splitlines()
+    assert first.endswith(": no difference.")
+    assert others == [f"VACUOUS: {key} was not looked at: {reason}"]
+    assert main(["journal", str(journal_file), "--json", *change]) == 4
+    (result,) = json.loads(capsys.readouterr().out)
+    assert result["not_looked_at"] == [{"key": key, "reason": reason}]
+    assert main(["journal", str(journal_file), *change, *SET]) == 1  # another key makes the difference
+    journal_file.write_bytes(journal_file.read_bytes()[:-25])
+    assert main(["journal", str(journal_file), *change]) == 3
+
+
+def test_a_key_that_a_decision_asked_for_is_an_answer(journal_file, capsys):
+    assert main(["journal", str(journal_file), "--set", "autonomy.takeoff.lift_off_limit_s=9.5"]) == 0
+    assert "VACUOUS" not in capsys.readouterr().out
+
+
+def test_a_changed_copy_of_the_configuration_is_followed_by_its_keys(tmp_path, journal_file, capsys):
+    folder = tmp_path / "config"
+    copytree(CONFIG, folder)
+    sensors = folder / "sensors.yaml"
+    sensors.write_text(sensors.read_text().replace("ground_distance_m: 0.1", "ground_distance_m: 0.12"))
+    assert main(["journal", str(journal_file), "--config", str(folder)]) == 4
+    words = f"VACUOUS: sensors.landing_detection.ground_distance_m was not looked at: {OF_NODES}"
+    assert words in capsys.readouterr().out.splitlines()
+
+
+def test_what_was_flown_by_is_an_answer_however_it_is_named(tmp_path, flight_map, flight_bag, capsys):
+    change = "sensors.landing_detection.ground_distance_m=0.12"
+    path = tmp_path / "journal.jsonl"
+    path.write_text("".join(f"{line}\n" for line in replay(flight_bag, flight_map, overrides=[change])[0].journal))
+    assert main(["journal", str(path), "--set", change]) == 0
+    assert "VACUOUS" not in capsys.readouterr().out
+
+
+def test_a_key_that_was_asked_for_before_the_engine_was_started_again_is_an_answer(tmp_path, lines, capsys):
+    path = tmp_path / "journal.jsonl"
+    path.write_text("".join(f"{line}\n" for line in (*lines, *lines[:2])))
+    assert main(["journal", str(path), "--set", "autonomy.takeoff.lift_off_limit_s=9.5"]) == 0
+    assert "VACUOUS" not in capsys.readouterr().out
 
 
 def test_the_result_as_json(journal_file, capsys):

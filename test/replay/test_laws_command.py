@@ -74,7 +74,28 @@ def test_the_result_as_json(capsys):
 
 def test_other_rules_may_be_given(capsys):
     assert main(["laws", "--set", "autonomy.flight.max_height_m=20.0", str(FLIGHT)]) == 0
-    assert "none broken" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "none broken" in said
+    assert "VACUOUS" not in said
+
+
+UNREAD = [
+    ("sensors.landing_detection.ground_distance_m", "0.12", "a journal holds what the nodes said"),
+    ("sensors.components.imu.topics./px4/imu.rate_hz", "90.0", "a journal holds what the nodes said"),
+    ("sensors.components.imu.severity", "low", "the codes in a journal are those that its watchdog gave"),
+]
+
+
+@pytest.mark.parametrize("key, value, reason", UNREAD, ids=[key for key, _, _ in UNREAD])
+def test_a_key_that_a_journal_cannot_look_at_is_named_and_is_the_exit_status(capsys, key, value, reason):
+    change = ["--set", f"{key}={value}"]
+    assert main(["laws", *change, str(FLIGHT)]) == 4
+    *_, vacuous, last = capsys.readouterr().out.splitlines()
+    assert vacuous.startswith(f"VACUOUS: {key} was not looked at: {reason}")
+    assert last.endswith(" times: none broken")
+    assert main(["laws", "--json", *change, str(FLIGHT)]) == 4
+    (result,) = json.loads(capsys.readouterr().out)
+    assert [each["key"] for each in result["not_looked_at"]] == [key]
 
 
 def test_lines_without_rules_are_refused():

@@ -254,22 +254,51 @@ class DecidedKeys:
             ]
 
     def followed(self, rules: Rules) -> Rules:
-        """Return rules that note which of the changed values are asked for."""
-        return _followed(rules, {part for _, _, parts in self._keys for part in parts}, self._asked)
+        """Return rules that note which of the changed values are asked for; what was asked before stays noted."""
+        before = frozenset(self._asked)
+        rules = _followed(rules, {part for _, _, parts in self._keys for part in parts}, self._asked)
+        self._asked |= before
+        return rules
 
-    def unread(self, reason: Callable[[Configuration, Sequence[Part]], str]) -> Tuple[Unread, ...]:
+    def unread(
+        self, reason: Callable[[Configuration, Sequence[Part]], str], *, codes_recorded: bool = False
+    ) -> Tuple[Unread, ...]:
         """Return the keys that nothing looked at.
 
         Args:
             reason: why not, by the configuration without the key, and the parts of the engine's rules that the key
                 changes; empty: something besides the engine looked at it.
+            codes_recorded: the watchdog's codes are not made anew, so that nothing shows what a severity does.
         """
-        silent = ((key, reason(without, parts)) for key, without, parts in self._keys if not self._is_asked(parts))
+        silent = (
+            (key, reason(without, parts))
+            for key, without, parts in self._keys
+            if not self._is_asked(parts, codes_recorded=codes_recorded)
+        )
         return tuple(Unread(key, words) for key, words in silent if words)
 
-    def _is_asked(self, parts: Sequence[Part]) -> bool:
+    def _is_asked(self, parts: Sequence[Part], *, codes_recorded: bool) -> bool:
         """Return whether a decision asked for one of some rules; severities are told to the watchdog before takeoff."""
-        return any(part in self._asked or part[2:] == ("severity",) for part in parts)
+        severities, others = _parted(parts)
+        return bool(severities and not codes_recorded) or any(part in self._asked for part in others)
+
+
+def unread_in_journal(_: Configuration, parts: Sequence[Part]) -> str:
+    """Return why nothing that was decided again looked at a key."""
+    severities, others = _parted(parts)
+    if others:
+        return "no decision asked for it"
+    if severities:
+        return "the codes in a journal are those that its watchdog gave by the severity of then"
+    return "a journal holds what the nodes said, so the engine's rules alone decide"
+
+
+def _parted(parts: Sequence[Part]) -> Tuple[List[Part], List[Part]]:
+    """Return those of some parts that are severities, and the others."""
+    return (
+        [part for part in parts if part[2:] == ("severity",)],
+        [part for part in parts if part[2:] != ("severity",)],
+    )
 
 
 class ChangedKeys:

@@ -17,11 +17,17 @@ from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.laws import LAWS, Broken, Judge, Judged
 
 from ..journal.journal import Journal, JournalLine, decode, encode_decision, rules_of
+from .changed_keys import Unread
 
 # --- compared with what was recorded ----------------------------------------------------------------------------------
 
 
 Progress = Callable[[int], None]
+Watch = Callable[[Rules], Rules]  # returns rules that note what is asked of them
+
+
+def _unwatched(rules: Rules) -> Rules:
+    return rules
 
 
 @dataclass(frozen=True)
@@ -53,6 +59,7 @@ class Comparison:
         start_ns: time of the first event.
         final: state at the end.
         truncated: the journal's last line was cut off, or decisions of its last event are missing with it.
+        unread: changed keys of the configuration that nothing looked at.
     """
 
     events: int
@@ -62,6 +69,7 @@ class Comparison:
     start_ns: int
     final: EngineState
     truncated: bool
+    unread: Tuple[Unread, ...] = ()
 
 
 @dataclass
@@ -85,20 +93,23 @@ class _Run:
             self.first = Difference(self.event.payload, self.event.line_number, recorded, decided)
 
 
-def compare(journal: Journal, rules: Optional[Rules] = None, progress: Optional[Progress] = None) -> Comparison:
+def compare(
+    journal: Journal, rules: Optional[Rules] = None, progress: Optional[Progress] = None, watch: Watch = _unwatched
+) -> Comparison:
     """Decide every event of a journal again.
 
     Args:
         journal: whole.
         rules: to decide by; None: those of the journal's header.
         progress: called with the number of lines that are done, now and then.
+        watch: called with the rules that are decided by.
 
     Raises:
         JournalError: The header carries no rules, and none are given.
     """
     run = _Run(rules)
     for number, line in enumerate(journal.lines):
-        _take(run, line, given=rules)
+        _take(run, line, given=rules, watch=watch)
         if progress is not None and number % 256 == 0:
             progress(number)
     # By the rules that flew, what the last event lacks was decided and not written: the process was killed between.
@@ -109,7 +120,7 @@ def compare(journal: Journal, rules: Optional[Rules] = None, progress: Optional[
     return Comparison(run.events, run.decisions, run.differences, run.first, run.start_ns, run.state, truncated)
 
 
-def _take(run: _Run, line: JournalLine, given: Optional[Rules]) -> None:
+def _take(run: _Run, line: JournalLine, given: Optional[Rules], watch: Watch) -> None:
     payload = line.payload
     if isinstance(payload, Event):
         _missing(run)
@@ -118,7 +129,7 @@ def _take(run: _Run, line: JournalLine, given: Optional[Rules]) -> None:
         run.decisions += 1
         _match(run, payload)
     else:
-        run.rules = rules_of(line, given)
+        run.rules = watch(rules_of(line, given))
 
 
 def _decide(run: _Run, line: JournalLine, event: Event) -> None:
@@ -167,16 +178,21 @@ class Lawful:
         start_ns: time of its first event.
         different: how many decisions are not those of the journal.
         truncated: its last line is cut off.
+        unread: changed keys of the configuration that nothing looked at.
     """
 
     judged: Judged
     start_ns: int
     different: int
     truncated: bool = False
+    unread: Tuple[Unread, ...] = ()
 
 
 def check_laws(
-    journal: Journal, rules: Optional[Rules] = None, progress: Callable[[int], None] = lambda _: None
+    journal: Journal,
+    rules: Optional[Rules] = None,
+    progress: Progress = lambda _: None,
+    watch: Watch = _unwatched,
 ) -> Lawful:
     """Decide a journal again under all laws.
 
@@ -184,6 +200,7 @@ def check_laws(
         journal: whole.
         rules: to decide by; None: those of its header.
         progress: called with the number of lines that are done, now and then.
+        watch: called with the rules that are decided and judged by.
 
     Raises:
         JournalError: The header carries no rules, and none are given.
@@ -194,7 +211,7 @@ def check_laws(
             payloads.append(line.payload)
         else:
             rules = rules_of(line, rules)
-    return _check(payloads, rules or Rules(), truncated=journal.truncated, progress=progress)
+    return _check(payloads, watch(rules or Rules()), truncated=journal.truncated, progress=progress)
 
 
 def laws_of_lines(lines: Iterable[str]) -> Lawful:
@@ -203,7 +220,7 @@ def laws_of_lines(lines: Iterable[str]) -> Lawful:
 
 
 def _check(
-    payloads: List[Any], rules: Rules, *, truncated: bool = False, progress: Callable[[int], None] = lambda _: None
+    payloads: List[Any], rules: Rules, *, truncated: bool = False, progress: Progress = lambda _: None
 ) -> Lawful:
     state, judge = EngineState(), Judge(rules)
     recorded: List[Decision] = []
@@ -250,6 +267,7 @@ def law_lines(lawful: Lawful) -> Tuple[str, ...]:
         lines.append("the end of the journal is cut off")
     if not judged.events:
         lines.append("there is no event in the journal: nothing was checked")
+    lines += [f"VACUOUS: {each}" for each in lawful.unread]
     spoke = len(set(judged.applied) | {each.law.name for each in judged.broken})
     found = f"{len(judged.broken)} broken" if judged.broken else "none broken"
     checked = f"{judged.events:,} events, {spoke} of {len(LAWS)} laws applied {sum(judged.applied.values()):,} times"
@@ -277,4 +295,5 @@ def laws_result(lawful: Lawful) -> Dict[str, Any]:
         ],
         "different_decisions": lawful.different,
         "truncated": lawful.truncated,
+        "not_looked_at": [{"key": each.key, "reason": each.reason} for each in lawful.unread],
     }

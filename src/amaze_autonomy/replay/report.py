@@ -230,7 +230,7 @@ def comparison_lines(comparison: Comparison) -> List[str]:
         lines.append("The journal is cut off (the process was killed), or its last event is decided otherwise now.")
     if comparison.first is not None:
         lines += _difference_lines(comparison.first, comparison.start_ns)
-    return lines
+    return lines + [f"VACUOUS: {each}" for each in comparison.unread]
 
 
 def _count(differences: int) -> str:
@@ -268,6 +268,7 @@ def comparison_result(comparison: Comparison) -> Dict[str, Any]:
         "differences": comparison.differences,
         "truncated": comparison.truncated,
         "state": comparison.final.state.value,
+        "not_looked_at": [{"key": each.key, "reason": each.reason} for each in comparison.unread],
         "first_difference": None
         if first is None
         else {

@@ -15,7 +15,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import Callable, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.bags.cli import add_memory
@@ -29,10 +29,10 @@ from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.compare import Comparison, Lawful, check_laws, compare, law_lines, laws_result
 from amaze_autonomy.whole_file import write_whole
 
-from ..journal.journal import JournalError
+from ..journal.journal import Journal, JournalError
 from ..pages.document import PageError, is_document, need_plots
 from ..replay.beginning import ARMING_LEAD_NS, flights_of, part_of
-from ..replay.changed_keys import Change, Unread, changes_of, keys_of
+from ..replay.changed_keys import Change, DecidedKeys, Unread, changes_of, keys_of, unread_in_journal
 from ..replay.errors import ReplayError
 from ..replay.faults.stream import FaultedRecordings
 from ..replay.maps.topic_map import TopicMap, load_map, map_names
@@ -213,8 +213,7 @@ def _run(options: argparse.Namespace) -> int:
     configuration = load_configuration(options.config or config_folder(), options.set)
     mission_id = options.mission or configuration.missions[0].id
     plan = make_plan(configuration, topic_map, mission_id, recorded)
-    keys = None if options.config is None else keys_of(options.config, options.set, config_folder())
-    before, given = (options.config or config_folder(), options.set) if keys is None else (config_folder(), keys)
+    before, given = _followed(options)
     changes = changes_of(
         given,
         lambda some: load_configuration(before, some),
@@ -392,11 +391,32 @@ def _say_speed(outcome: Outcome, took_s: float) -> None:
         sys.stderr.write(f"replayed in {took_s:.2f} s, {ratio:.0f} x real time\n")
 
 
-def _given_rules(options: argparse.Namespace) -> Optional[Rules]:
-    """Return the rules that the command line names; None: none."""
-    if options.config is None and not options.set:
-        return None
-    return load_configuration(options.config or config_folder(), options.set).rules
+def _followed(options: argparse.Namespace) -> Tuple[Path, Sequence[str]]:
+    """Return a folder and the overrides on top of it that make the configuration: those are followed.
+
+    A changed copy of the folder that ships is that folder with the keys in which it differs.
+    """
+    keys = None if options.config is None else keys_of(options.config, options.set, config_folder())
+    return (options.config or config_folder(), options.set) if keys is None else (config_folder(), keys)
+
+
+class _Given:
+    """The rules that the command line names for a journal, and its keys, which are followed."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self.rules: Optional[Rules] = None  # None: those of the journal
+        self._hash, self._folder = "", config_folder()
+        self._keys: Sequence[str] = ()
+        if options.config is not None or options.set:
+            configuration = load_configuration(options.config or config_folder(), options.set)
+            self.rules, self._hash = configuration.rules, configuration.hash
+            self._folder, self._keys = _followed(options)
+
+    def followed(self, journal: Journal) -> DecidedKeys:
+        """Return what follows the keys through a journal; what it was flown by is not changed by them."""
+        header = journal.lines[0].payload
+        as_flown = isinstance(header, dict) and header.get("hash") == self._hash
+        return DecidedKeys(() if as_flown else self._keys, lambda some: load_configuration(self._folder, some))
 
 
 def _journal(options: argparse.Namespace) -> int:
@@ -404,13 +424,15 @@ def _journal(options: argparse.Namespace) -> int:
         need_plots()
         if _is_filled(options.html) and not is_document(options.html):
             raise ReplayError(f"{options.html}: is no page, {_REPLACED} file")
-    rules = _given_rules(options)
+    given = _Given(options)
     journals = read_journals(options.file, options.topic, options.memory)
     comparisons: List[Comparison] = []
     for journal in journals:
-        total = len(journal.lines)
+        keys, total = given.followed(journal), len(journal.lines)
         with progress_bar("deciding again") as progress:
-            comparisons.append(compare(journal, rules, lambda done, of=total: progress(done, of)))  # type: ignore[misc]
+            found = compare(journal, given.rules, _of(total, progress), keys.followed)
+        unread = keys.unread(unread_in_journal, codes_recorded=not found.differences)
+        comparisons.append(replace(found, unread=unread))
     if options.json:
         show_lines([json.dumps([comparison_result(each) for each in comparisons], indent=1)])
     else:
@@ -419,19 +441,28 @@ def _journal(options: argparse.Namespace) -> int:
     if options.html is not None:
         from ..pages.flight import journal_page  # noqa: PLC0415
 
-        journal_page(options.file, journals[-1], comparisons[-1], rules, options.memory).write(options.html)
+        journal_page(options.file, journals[-1], comparisons[-1], given.rules, options.memory).write(options.html)
     if any(each.differences for each in comparisons):
         return DIFFERENT
-    return PARTIAL if any(each.truncated or not each.events for each in comparisons) else DONE
+    if any(each.truncated or not each.events for each in comparisons):
+        return PARTIAL
+    return VACUOUS if any(each.unread for each in comparisons) else DONE
+
+
+def _of(total: int, progress: Callable[[int, int], None]) -> Callable[[int], None]:
+    """Return what takes how much of a whole is done."""
+    return lambda done: progress(done, total)
 
 
 def _laws(options: argparse.Namespace) -> int:
-    rules = _given_rules(options)
+    given = _Given(options)
     found: List[Lawful] = []
     for journal in read_journals(options.file, options.topic, options.memory):
-        total = len(journal.lines)
+        keys, total = given.followed(journal), len(journal.lines)
         with progress_bar("checking the laws") as progress:
-            found.append(check_laws(journal, rules, lambda done, of=total: progress(done, of)))  # type: ignore[misc]
+            lawful = check_laws(journal, given.rules, _of(total, progress), keys.followed)
+        unread = keys.unread(unread_in_journal, codes_recorded=not lawful.judged.broken)
+        found.append(replace(lawful, unread=unread))
     if options.json:
         show_lines([json.dumps([laws_result(each) for each in found], indent=1)])
     else:
@@ -439,8 +470,10 @@ def _laws(options: argparse.Namespace) -> int:
             show_lines(law_lines(each))
     if any(each.judged.broken for each in found):
         return DIFFERENT
-    other = [each.truncated or not each.judged.events or (each.different and rules is None) for each in found]
-    return PARTIAL if any(other) else DONE
+    other = [each.truncated or not each.judged.events or (each.different and given.rules is None) for each in found]
+    if any(other):
+        return PARTIAL
+    return VACUOUS if any(each.unread for each in found) else DONE
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from ..engine.rules import ComponentRule
 from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, make_header, rules_of
 from ..journal.trace import Trace, trace_of
 from ..replay.beginning import beginning_of
-from ..replay.changed_keys import DecidedKeys, Part, Unread, changes_of, keys_of, written
+from ..replay.changed_keys import DecidedKeys, Part, Unread, changes_of, keys_of, unread_in_journal, written
 from ..replay.errors import DamagedInputError, ReplayError
 from ..replay.faults.kinds import TOPIC, Acting
 from ..replay.faults.story import Story
@@ -461,7 +461,7 @@ def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Playe
     header = _header_again(journal.lines[0].payload, rules, configuration)
     lines = [header, *_decided((line.payload for line in journal.lines), keys.followed(rules))]
     broken = (f"{case.journal}: the end of the journal is cut off",) if journal.truncated else ()
-    unread = (*blind, *keys.unread(_not_asked))
+    unread = (*blind, *keys.unread(unread_in_journal))
     return Played(tuple(lines), trace_of(lines), tuple(map(str, unread)), broken, unread=unread)
 
 
@@ -472,12 +472,6 @@ def _header_again(old: object, rules: Rules, configuration: Optional[Configurati
         told.update(configuration=configuration.effective, hash=configuration.hash)
     said = make_header(rules, told.get("configuration", {}), told.get("hash", ""))
     return encode_header({**told, **said})
-
-
-def _not_asked(_: Configuration, parts: Sequence[Part]) -> str:
-    """Return why nothing that was decided again looked at a key."""
-    words = "a journal holds what the nodes said, so the engine's rules alone decide"
-    return "no decision asked for it" if parts else words
 
 
 def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Played:
@@ -491,7 +485,7 @@ def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Play
     rules = replace(configuration.rules if rules is None else rules, checks=case.checks)
     header = encode_header(make_header(rules, configuration.effective, configuration.hash, program="amaze-replay"))
     lines = [header, *_decided(payloads, keys.followed(rules))]
-    unread = (*blind, *keys.unread(_not_asked))
+    unread = (*blind, *keys.unread(unread_in_journal))
     return Played(tuple(lines), trace_of(lines), tuple(map(str, unread)), unread=unread)
 
 
