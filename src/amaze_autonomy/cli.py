@@ -38,7 +38,7 @@ examples:
 _CHECK_EXAMPLES = """\
 examples:
   amaze-autonomy check-config ~/flight/config
-  amaze-autonomy check-config --set sensors.components.gps.severity=high
+  amaze-autonomy check-config --set sensors.components.gps.severity=highest
   amaze-autonomy check-config --json | python3 -m json.tool
 """
 _DOCS_EXAMPLES = """\

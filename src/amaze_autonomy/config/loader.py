@@ -171,7 +171,7 @@ def _configuration(
 # --- overrides --------------------------------------------------------------------------------------------------------
 # Overrides: single values given on top of the files, e.g. by a launch file or a scenario. Checked like the files.
 #
-# autonomy.require_go=true sensors.components.gps.severity=high missions.missions.1.repetitions=3 vehicle=px4_sitl
+# autonomy.require_go=true sensors.components.gps.severity=highest missions.missions.1.repetitions=3 vehicle=px4_sitl
 
 
 Overrides = Union[Iterable[str], Mapping[str, Any]]
