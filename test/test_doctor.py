@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -15,6 +16,7 @@ from amaze_autonomy.config import load_configuration
 from amaze_autonomy.doctor import Arrangement, Finding, Graph, SeenService, SeenTopic, examine, examine_host, wanted
 from amaze_autonomy.interface import SERVICES, STATUSES
 
+START_NS, S = 1_600_000_000_000_000_000, 1_000_000_000
 KINDS = {"/lrf/range": "sensor_msgs/Range", "/odometry": "nav_msgs/Odometry", "/px4/imu": "sensor_msgs/Imu"}
 
 
@@ -183,6 +185,92 @@ def test_another_type_is_named_with_the_source_that_reads_it(shipped, healthy):
             "sensors.yaml, landing_detection: source: scan",
         )
     ]
+
+
+TWO = ("/lrf", "/lrf_again")
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 40.0, 12.0])
+def test_two_publishers_of_one_topic_are_named_and_no_rate_is_proposed(shipped, healthy, rate_hz):
+    graph = changed(healthy, "/lrf/range", nodes=TWO, rate_hz=rate_hz)
+    assert bad(shipped, graph) == [
+        Finding("warning", "lrf", "/lrf/range has two publishers: /lrf, /lrf_again", "stop or rename one of them")
+    ]
+
+
+def test_two_publishers_that_are_too_slow_together_are_wrong_and_no_rate_is_proposed(shipped, healthy):
+    graph = changed(healthy, "/lrf/range", nodes=(*TWO, "/third"), rate_hz=2.0)
+    assert bad(shipped, graph) == [
+        Finding(
+            "warning", "lrf", "/lrf/range has 3 publishers: /lrf, /lrf_again, /third", "stop or rename one of them"
+        ),
+        Finding(
+            "wrong",
+            "lrf",
+            "/lrf/range of /lrf, /lrf_again, /third comes at 2 Hz, expected are 20: it would count as failed",
+        ),
+    ]
+
+
+def test_two_publishers_that_are_silent_are_silent(shipped, healthy):
+    graph = changed(healthy, "/lsm9ds1/imu", nodes=("/a", "/b"), rate_hz=None, count=0)
+    assert [(each.level, each.said) for each in bad(shipped, graph)] == [
+        ("warning", "/lsm9ds1/imu has two publishers: /a, /b"),
+        ("wrong", "/lsm9ds1/imu of /a, /b is silent (0 messages)"),
+    ]
+
+
+@pytest.mark.parametrize("said_by_nodes", [True, False])
+def test_two_types_of_one_topic_are_named_with_their_nodes(shipped, healthy, said_by_nodes):
+    kinds = ("sensor_msgs/LaserScan", "sensor_msgs/Range")
+    known = tuple(zip(TWO, kinds)) if said_by_nodes else ()
+    graph = changed(healthy, "/lrf/range", nodes=TWO, kinds=kinds, kinds_of=known, rate_hz=40.0)
+    scan, range_ = (f"{kind} of {node}" if said_by_nodes else kind for node, kind in zip(TWO, kinds))
+    types = f"{scan}, {range_}"
+    assert bad(shipped, graph) == [
+        Finding("wrong", "lrf", f"/lrf/range has two types: {types}", "stop or rename one of them"),
+        Finding(
+            "wrong",
+            "landing_detection",
+            f"/lrf/range is {types}; read is sensor_msgs/Range",
+            "stop or rename one of them",
+        ),
+    ]
+
+
+def test_two_estimates_on_one_topic_are_named(shipped, healthy):
+    graph = changed(healthy, "/odometry", nodes=("/estimator", "/other"))
+    said = "/odometry has two publishers: /estimator, /other"
+    assert bad(shipped, graph) == [Finding("warning", "state_estimation", said, "stop or rename one of them")]
+
+
+def heard_of_two(graph, kinds):
+    """Return what was heard of two publishers of one topic: twenty and ten messages a second."""
+    heard, connected = graph.Heard(), []
+    for (node, rate_hz), kind in zip((("/fast", 20), ("/slow", 10)), kinds):
+        header = {"callerid": node, "type": kind, "md5sum": kind[-5:]}
+        connected.append(header)
+        for number in range(rate_hz * 5):
+            heard.take_at(
+                START_NS + number * S // rate_hz, "/range", SimpleNamespace(_connection_header=header, _buff=b"")
+            )
+    heard.connected("/range", connected)
+    return heard
+
+
+@pytest.fixture
+def looking(monkeypatch):
+    graph = pytest.importorskip("amaze_autonomy.ros.graph", reason="needs ROS")
+    monkeypatch.setattr(graph.rospy, "get_time", lambda: 0.0)
+    return graph
+
+
+def test_what_is_heard_knows_who_publishes_which_type(looking):
+    heard = heard_of_two(looking, ("sensor_msgs/LaserScan", "sensor_msgs/Range"))
+    seen = looking._topic(heard, "/range", "?", ("/fast", "/slow"))
+    assert seen.kinds_of == (("/fast", "sensor_msgs/LaserScan"), ("/slow", "sensor_msgs/Range"))
+    assert seen.kinds == ("sensor_msgs/LaserScan", "sensor_msgs/Range")
+    assert seen.count == 150
 
 
 def test_a_node_that_is_not_there_is_named(shipped, healthy):

@@ -33,6 +33,7 @@ _OFFSET_S, _AHEAD_S = 0.5, 0.05  # of stamps on arrival: old by a clock or a dri
 _RUN_S = 8.0
 _CLOCK_S = 0.05  # off from the time server
 _IMU = "sensor_msgs/Imu"
+_ONE_OF_THEM = "stop or rename one of them"
 _RANGE_TYPES: Mapping[RangeSource, str] = {
     RangeSource.RANGE: "sensor_msgs/Range",
     RangeSource.SCAN: "sensor_msgs/LaserScan",
@@ -57,6 +58,7 @@ class SeenTopic:
         rate_hz: of them; None: fewer than two.
         age_s: of their stamps on arrival, the median; None: they have none.
         md5s: of its types, as its publishers say; empty: none said it.
+        kinds_of: its publishers, each with the type of its messages, as far as they said it.
     """
 
     kinds: Tuple[str, ...]
@@ -65,6 +67,7 @@ class SeenTopic:
     rate_hz: Optional[float] = None
     age_s: Optional[float] = None
     md5s: Tuple[str, ...] = ()
+    kinds_of: Tuple[Tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,12 @@ def _watched(name: str, spec: TopicSpec, graph: Graph, known: Iterable[str]) -> 
         line = f"{key}: {close} in the place of {spec.topic}" if close else ""
         yield Finding(WRONG, name, f"nobody publishes {spec.topic}", line)
         return
-    who = ", ".join(seen.nodes)
+    who, several = ", ".join(seen.nodes), len(seen.nodes) > 1
+    if len(seen.kinds) > 1:
+        yield Finding(WRONG, name, f"{spec.topic} has {_counted(seen.kinds)} types: {_types(seen)}", _ONE_OF_THEM)
+        return
+    if several:
+        yield _publishers(name, spec.topic, seen)
     if seen.rate_hz is None:
         yield _too_few(name, spec, seen, graph.listened_s)
         return
@@ -183,13 +191,31 @@ def _watched(name: str, spec: TopicSpec, graph: Graph, known: Iterable[str]) -> 
     off = abs(seen.rate_hz - spec.rate_hz) / spec.rate_hz
     rate_hz = f"{float(f'{seen.rate_hz:.3g}'):g}"  # 1000, not 1e+03, which is no number in YAML
     said = f"{spec.topic} of {who} comes at {rate_hz} Hz, expected are {spec.rate_hz:g}"
-    line = f"{key}.{spec.topic}: rate_hz: {rate_hz}"
+    line = f"{key}.{spec.topic}: rate_hz: {rate_hz}" if not several else ""
     if seen.rate_hz < spec.rate_failed_fraction * spec.rate_hz:
         yield Finding(WRONG, name, f"{said}: it would count as failed", line)
+    elif several:
+        return  # whose rate it is nobody knows
     elif off > spec.tolerance_fraction:
         yield Finding(WARNING, name, f"{said}: it would count as off its rate", line)
     elif not stamps:
         yield Finding(GOOD, name, f"{spec.topic} of {who} comes at {rate_hz} Hz")
+
+
+def _publishers(name: str, topic: str, seen: SeenTopic) -> Finding:
+    """Say that a topic has more than one publisher: whoever reads it cannot tell them apart."""
+    said = f"{topic} has {_counted(seen.nodes)} publishers: {', '.join(seen.nodes)}"
+    return Finding(WARNING, name, said, _ONE_OF_THEM)
+
+
+def _types(seen: SeenTopic) -> str:
+    """Return the types of a topic, each with the nodes that publish it."""
+    nodes = {kind: ", ".join(node for node, each in seen.kinds_of if each == kind) for kind in seen.kinds}
+    return ", ".join(f"{kind} of {who}" if who else kind for kind, who in nodes.items())
+
+
+def _counted(those: Sequence[str]) -> str:
+    return "two" if len(those) == 2 else str(len(those))  # noqa: PLR2004
 
 
 def _too_few(name: str, spec: TopicSpec, seen: SeenTopic, listened_s: float) -> Finding:
@@ -224,6 +250,7 @@ def _checks(configuration: Configuration, graph: Graph, arrangement: Arrangement
     landing, states, ours = configuration.landing, configuration.state_estimation, arrangement.ours
     frames = {trajectory.frame for plan in configuration.plans for trajectory in plan.trajectories}
     turns = "mission_planner" in arrangement.peers and Frame.EAST_NORTH in frames  # by the heading of the estimate
+    watched = {spec.topic for component in configuration.components for spec in component.topics}
     lands, judges = "landing_detection" in ours, "state_estimation" in ours
     rows = (
         ("landing_detection", "topic", landing.topic, _RANGE_TYPES[landing.source], lands),
@@ -239,6 +266,8 @@ def _checks(configuration: Configuration, graph: Graph, arrangement: Arrangement
             those = sorted(name for name, each in graph.topics.items() if kind in each.kinds)
             close = difflib.get_close_matches(topic, those, n=1, cutoff=0.0)
             yield Finding(WRONG, check, f"nobody publishes {topic}", f"{line}{close[0]}" if close else "")
+        elif len(seen.kinds) > 1:
+            yield Finding(WRONG, check, f"{topic} is {_types(seen)}; read is {kind}", _ONE_OF_THEM)
         elif seen.kinds != (kind,):
             said = f"{topic} is {', '.join(seen.kinds)}, read is {kind}"
             yield Finding(WRONG, check, said, _of_source(check, key, seen))
@@ -246,6 +275,8 @@ def _checks(configuration: Configuration, graph: Graph, arrangement: Arrangement
             yield Finding(WRONG, check, f"{topic} is {kind} {version}", _same(kind))
         elif seen.count == 0:
             yield Finding(WRONG, check, f"{topic} of {', '.join(seen.nodes)} is silent")
+        elif len(seen.nodes) > 1 and topic not in watched:
+            yield _publishers(check, topic, seen)
         else:
             yield Finding(GOOD, check, f"{topic} is {kind}")
 

@@ -35,6 +35,9 @@ _STAMP = struct.Struct("<II")
 _LIMIT_S, _ASKED_AT_ONCE = 0.5, 16  # of nodes, whether they live
 
 
+_Entry = Tuple[int, Optional[bytes], str, str]  # when, the message, its type, its publisher
+
+
 class GraphError(Exception):
     """There is no graph to look at."""
 
@@ -51,26 +54,35 @@ class Heard:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._kinds: Dict[str, List[str]] = {}
-        self._entries: Dict[str, List[Tuple[int, Optional[bytes], str]]] = {}
+        self._entries: Dict[str, List[_Entry]] = {}
+        self._counts: Dict[str, Dict[str, int]] = {}  # of messages by publisher
+        self._kinds_of: Dict[str, Dict[str, str]] = {}  # by publisher
         self.ages_s: Dict[str, List[float]] = {}
         self.types: Dict[str, List[Tuple[str, str]]] = {}
 
     def connected(self, topic: str, headers: Iterable[Optional[Mapping[str, str]]]) -> None:
         """Take what the publishers of a topic said of its type when they connected: that of a silent one, too."""
-        found = {(each.get("type", "?"), each.get("md5sum", "")) for each in headers if each}
-        self.types[topic] = sorted(found)
+        known = [each for each in headers if each]
+        self.types[topic] = sorted({(each.get("type", "?"), each.get("md5sum", "")) for each in known})
+        with self._lock:
+            kinds = self._kinds_of.setdefault(topic, {})
+            kinds.update({each.get("callerid", ""): each.get("type", "?") for each in known})
 
     def take(self, topic: str, message: Any) -> None:
         """Take a message of any type."""
-        now_ns, ros_s = time.time_ns(), rospy.get_time()
+        self.take_at(time.time_ns(), topic, message)
+
+    def take_at(self, now_ns: int, topic: str, message: Any) -> None:
+        """Take a message of any type that came at a time."""
+        ros_s = rospy.get_time()
         kind, raw = message._connection_header["type"], message._buff
+        node = message._connection_header.get("callerid", "")
         with self._lock:
-            kinds, entries = self._kinds.setdefault(topic, []), self._entries.setdefault(topic, [])
-            if kind not in kinds:
-                kinds.append(kind)
-            keep = not entries or (len(raw) <= _KEPT_BYTES and len(entries) < _KEPT)
-            entries.append((now_ns, raw if keep else None, kind))
+            entries, counts = self._entries.setdefault(topic, []), self._counts.setdefault(topic, {})
+            self._kinds_of.setdefault(topic, {})[node] = kind
+            keep = node not in counts or (len(raw) <= _KEPT_BYTES and len(entries) < _KEPT)
+            entries.append((now_ns, raw if keep else None, kind, node))
+            counts[node] = counts.get(node, 0) + 1
             if _stamped(message._connection_header.get("message_definition", "")):
                 seconds, nanoseconds = _STAMP.unpack_from(raw, 4)
                 if seconds or nanoseconds:
@@ -78,20 +90,34 @@ class Heard:
 
     @property
     def topics(self) -> Tuple[HeardTopic, ...]:
-        """Return the topics that were heard, with the first type of each."""
-        return tuple(HeardTopic(name, kinds[0]) for name, kinds in sorted(self._kinds.items()))
+        """Return the topics that were heard, with the type of the publisher that was heard most."""
+        return tuple(HeardTopic(name, self._kinds_of[name][self._loudest(name)]) for name in sorted(self._entries))
 
-    def entries(self, topic: str) -> Sequence[Tuple[int, Optional[bytes], str]]:
-        """Return the messages that were heard."""
+    def _loudest(self, topic: str) -> str:
+        counts = self._counts.get(topic, {})
+        return min(counts, key=lambda node: (-counts[node], node), default="")
+
+    def publishers(self, topic: str) -> Tuple[Tuple[str, str], ...]:
+        """Return who publishes a topic, with the type of each; first the one that was heard most."""
+        counts = self._counts.get(topic, {})
+        return tuple(sorted(self._kinds_of.get(topic, {}).items(), key=lambda each: (-counts.get(each[0], 0), each[0])))
+
+    def entries(self, topic: str) -> Sequence[_Entry]:
+        """Return the messages that were heard of the publisher that was heard most: two are no recording of one."""
+        loudest = self._loudest(topic)
+        return [entry for entry in self.entries_of_all(topic) if entry[3] == loudest]
+
+    def entries_of_all(self, topic: str) -> Sequence[_Entry]:
+        """Return the messages that were heard, of whomever."""
         return self._entries.get(topic, [])
 
-    def message(self, entry: Tuple[int, Optional[bytes], str]) -> Any:
+    def message(self, entry: _Entry) -> Any:
         """Return a message.
 
         Raises:
             UndecodableError: It was not kept, or its package is not here, or another version of it.
         """
-        _, raw, kind = entry
+        _, raw, kind, _ = entry
         if raw is None:
             raise UndecodableError(f"{kind} was not kept")
         found = roslib.message.get_message_class(kind)
@@ -226,10 +252,11 @@ def _md5s(class_of: Callable[[str], Any], kinds: Iterable[str]) -> Dict[str, str
 
 
 def _topic(heard: Heard, topic: str, declared: str, nodes: Tuple[str, ...]) -> SeenTopic:
-    times, ages = [entry[0] for entry in heard.entries(topic)], sorted(heard.ages_s.get(topic, ()))
+    entries, ages = heard.entries_of_all(topic), sorted(heard.ages_s.get(topic, ()))
+    times = [entry[0] for entry in entries]
     span_s = (times[-1] - times[0]) / _S if times else 0.0
     types = heard.types.get(topic, [])
-    kinds = {kind for _, _, kind in heard.entries(topic)}.union(kind for kind, _ in types) or {declared}
+    kinds = {kind for _, _, kind, _ in entries}.union(kind for kind, _ in types) - {"?", "*"} or {declared}
     return SeenTopic(
         kinds=tuple(sorted(kinds)),
         nodes=nodes,
@@ -237,4 +264,5 @@ def _topic(heard: Heard, topic: str, declared: str, nodes: Tuple[str, ...]) -> S
         rate_hz=(len(times) - 1) / span_s if span_s > 0.0 else None,
         age_s=ages[len(ages) // 2] if ages else None,
         md5s=tuple(md5 for _, md5 in types),
+        kinds_of=tuple(sorted(each for each in heard.publishers(topic) if each[0] in nodes)),
     )

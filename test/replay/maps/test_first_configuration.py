@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import yaml
@@ -92,6 +94,43 @@ def test_a_component_is_as_bad_as_the_decision_table_that_ships_has_it(capsys, t
     assert f"{name}: {topic}, 10 Hz, fails after 0.5 s; severity {shipped['severity']}{like}\n" in said
     (replayed,) = load_map(str(folder / "map.yaml")).components
     assert (replayed.severity, replayed.wait_limit_ns) == (None, None)  # as configured
+
+
+def heard(graph, *senders):
+    """Return what was heard for five seconds of nodes that publish an IMU on one topic: each with its rate."""
+    found, headers = graph.Heard(), []
+    for node, rate_hz in senders:
+        headers.append({"callerid": node, "type": "sensor_msgs/Imu", "md5sum": "6a62"})
+        for number in range(5 * rate_hz):
+            message = SimpleNamespace(_connection_header=headers[-1], _buff=b"")
+            found.take_at(START_NS + number * S // rate_hz + len(headers), "/imu", message)
+    found.connected("/imu", headers)
+    return found
+
+
+@pytest.mark.parametrize(
+    "senders, said",
+    [
+        ((("/imu_driver", 50),), ""),
+        (
+            (("/other", 20), ("/imu_driver", 50)),
+            "found: /imu has two publishers: /imu_driver, /other; stop or rename one, taken is the rate of /imu_driver",
+        ),
+    ],
+)
+def test_the_rate_of_a_topic_with_two_publishers_is_that_of_one_and_it_is_said(
+    capsys, monkeypatch, tmp_path, senders, said
+):
+    graph = pytest.importorskip("amaze_autonomy.ros.graph", reason="needs ROS")
+    monkeypatch.setattr(graph.rospy, "get_time", lambda: 0.0)
+    monkeypatch.setattr(graph, "listen", lambda _: heard(graph, *senders))
+    folder = tmp_path / "config"
+    status = cli.main(["propose-config", "--live", "--output", str(folder)])
+    assert status == 0, capsys.readouterr().out
+    found = yaml.safe_load((folder / "sensors.yaml").read_text())["components"]["imu"]["topics"]["/imu"]
+    assert found["rate_hz"] == 50.0
+    assumed = (folder / "propose.txt").read_text().splitlines()
+    assert [line for line in assumed if "publishers" in line] == [said] * bool(said)
 
 
 def test_what_no_decision_table_knows_is_moderate(capsys, tmp_path):

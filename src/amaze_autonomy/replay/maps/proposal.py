@@ -41,6 +41,7 @@ class _Topic:
     first: Any  # the first message; None: it cannot be read
     wrong: str = ""  # why
     damaged: bool = False  # not only in an encoding that is not read
+    publishers: Tuple[Tuple[str, str], ...] = ()  # with their types, first the one that is taken; empty: not looked at
 
     @property
     def period_s(self) -> Optional[float]:
@@ -167,7 +168,8 @@ def _topics(bags: Iterable[Any]) -> Tuple[_Topic, ...]:
             if not len(entries) or topic.name in found:
                 continue
             times: Any = np.array([entry[0] for entry in entries], np.int64)
-            found[topic.name] = _Topic(topic.name, topic.kind, times, *_first(bag, entries[0]))
+            publishers = bag.publishers(topic.name) if hasattr(bag, "publishers") else ()
+            found[topic.name] = _Topic(topic.name, topic.kind, times, *_first(bag, entries[0]), publishers)
     return tuple(found[name] for name in sorted(found))
 
 
@@ -208,7 +210,7 @@ class _Maker:
 
     def proposal(self) -> Proposal:
         components, readings, statuses = self._components(), self._readings(), self._statuses()
-        self.found += self._cns()
+        self.found += self._cns() + self._with_others([*components, *readings])
         if not (self._mapped or readings or statuses):
             self.found.append(self._no_vehicle())
         unread = [(f"{each.name}: cannot be read ({each.wrong})", each.damaged) for each in self._topics if each.wrong]
@@ -233,6 +235,18 @@ class _Maker:
             f"no vehicle: no topic tells of sensors or an autopilot ({', '.join(kinds[:_KINDS_NAMED])}{more}); name "
             "the recording of a vehicle, or write a map by hand (docs/replay.md, Writing a topic map)"
         )
+
+    def _with_others(self, lines: Sequence[str]) -> List[str]:
+        """Return what is said of topics of the map that have more than one publisher."""
+        said = []
+        for topic in self._topics:
+            if len(topic.publishers) > 1 and any(f"{{topic: {topic.name}," in line for line in lines):
+                alike = len({kind for _, kind in topic.publishers}) == 1
+                names = ", ".join(node if alike else f"{node} ({kind})" for node, kind in topic.publishers)
+                count = "two" if len(topic.publishers) == 2 else len(topic.publishers)  # noqa: PLR2004
+                taken = f"stop or rename one, taken is the rate of {topic.publishers[0][0]}"
+                said.append(f"{topic.name} has {count} publishers: {names}; {taken}")
+        return said
 
     # --- components ---------------------------------------------------------------------------------------------------
 
