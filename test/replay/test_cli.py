@@ -146,6 +146,8 @@ def test_another_rule_decides_otherwise(tmp_path, flight_map, capsys):
         (["run", "{bag}", "--map", "{map}", "--config", "{folder}/nope"], "{folder}/nope: is not a folder; must hold"),
         (["run", "{folder}/nope.bag", "--map", "{map}"], "{folder}/nope.bag: is no file; name a bag"),
         (["run", "{empty}", "--map", "{map}"], "empty.bag: there is no message in it"),
+        (["run", "{empty}"], "empty.bag: there is no message in it"),
+        (["run", "{empty}", "{bag}"], "which topics are what? Name a topic map with --map: "),
         (
             ["run", "{map}", "--map", "{map}"],
             "{map}: is no recording; name a ROS 1 bag, a ROS 2 bag, an MCAP file, a ULog or a telemetry log",

@@ -7,7 +7,7 @@ from shutil import copytree
 
 import pytest
 from replay_bags import START_NS, S, flight_rows, header, make, write_bag
-from replay_runs import CONFIG, replay
+from replay_runs import CONFIG, ROOT, replay
 
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.config.loader import load_configuration
@@ -83,6 +83,16 @@ def test_a_changed_rule_is_found_and_named_with_the_first_different_decision(lin
         "            value     reason no message on /mag for longer than 0.5 s",
         "  differs in: values",
     ]
+
+
+def test_the_page_shows_what_is_printed(lines):
+    journal = read("\n".join(lines) + "\n")
+    page = (ROOT / "docs" / "replay.md").read_text()
+    for change in (*CHANGED, "sensors.landing_detection.ground_distance_m=0.12"):
+        printed = iter(comparison_lines(compare(journal, load_configuration(CONFIG, [change]).rules)))
+        shown = page.split(f"$ amaze-replay journal journal.jsonl --set {change}\n")[1].partition("```")[0].splitlines()
+        wanted = [line for line in shown if line.strip() != "..." and not line.startswith("VACUOUS")]
+        assert [line for line in wanted if line not in printed] == []  # in this order
 
 
 def test_a_journal_without_an_event_is_no_success(tmp_path, lines, capsys):

@@ -38,7 +38,7 @@ from ..replay.faults.stream import FaultedRecordings
 from ..replay.maps.topic_map import TopicMap, load_map, map_names
 from ..replay.plan import Plan, make_plan
 from ..replay.recordings.journals import read_journals
-from ..replay.recordings.sources import RECORDINGS, Recordings, topics_of
+from ..replay.recordings.sources import RECORDINGS, Recordings, check_messages, topics_of
 from ..replay.report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text, verdict
 from ..replay.session import Outcome, Session
 from .terminal import add_tapes, progress_bar, show_lines, show_timeline, use_tapes
@@ -209,7 +209,7 @@ def _run(options: argparse.Namespace) -> int:
     gc.disable()  # a recording is very many values without cycles: looking for those takes a tenth of the time
     recorded = topics_of(options.bags, options.memory)  # a wrong file is said before a missing map
     _check_outputs(options)
-    topic_map = _map(options.map, options.bags)
+    topic_map = _map(options.map, options.bags, options.memory)
     configuration = load_configuration(options.config or config_folder(), options.set)
     mission_id = options.mission or configuration.missions[0].id
     plan = make_plan(configuration, topic_map, mission_id, recorded)
@@ -292,12 +292,13 @@ def _each_flight(plan: Plan, recordings: Recordings, changes: Sequence[Change]) 
     return PARTIAL if problems or recordings.damage else VACUOUS if vacuous else DONE
 
 
-def _map(name: Optional[str], bags: List[Path]) -> TopicMap:
+def _map(name: Optional[str], bags: List[Path], memory: int) -> TopicMap:
     """Return the map that was asked for, or the one named as the first bag that has one."""
     stems = [bag.stem for bag in bags if bag.stem in map_names()]
     if name is None and not stems and all(bag.suffix == ".tlog" for bag in bags):
         return load_map("px4_telemetry")
     if name is None and not stems:
+        check_messages(bags, memory)  # of a recording without one no map can be proposed
         raise ReplayError(
             f"which topics are what? Name a topic map with --map: a file that `amaze-replay map` proposes, or "
             f"{', '.join(map_names())}"

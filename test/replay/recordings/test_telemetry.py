@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from amaze_autonomy.replay.session import Session
 from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.tester.command import main
 
+ROOT = Path(__file__).parents[3]
 DATA = Path(os.environ.get("AMAZE_DATA", Path(__file__).parents[4] / "shared" / "data"))
 MAVLINK = """std_msgs/Header header
 uint8 framing_status
@@ -119,6 +121,24 @@ def test_a_lost_stream_of_set_points_is_px4_s_failsafe():
         (6.8, "MISSION", "at_takeoff_height"),
         (30.3, "PILOT", "pilot_took_over"),
     ]
+
+
+@pytest.mark.parametrize(
+    "name, shown",
+    [
+        ("px4_normal_mission", {"in MISSION from": "MISSION", "ended at": "DATA_CLEANUP"}),
+        ("px4_gps_loss_param", {"PILOT at": "PILOT"}),
+        ("px4_battery_drain", {"land for that at": "LAND"}),
+        ("px4_offboard", {"PILOT at": "PILOT"}),
+    ],
+)
+def test_the_times_that_the_page_tells_of_a_log_are_those_of_its_replay(name, shown):
+    rows, _ = replayed(recording(f"{name}.tlog"), "px4_telemetry")
+    page = (ROOT / "docs" / "replay.md").read_text()
+    (line,) = [line for line in page.splitlines() if line.startswith(f"| `{name}` | ")]
+    for words, state in shown.items():
+        times = [f"{t_s:.1f}" for t_s, each, _ in rows if each == state]
+        assert re.findall(rf"{words} ([\d.]+) s", line) == times[:1], words
 
 
 def test_a_braking_px4_peaks_at_49_deg_and_only_what_lasts_is_warned_of_or_landed_for():

@@ -28,6 +28,7 @@ from .fields import Track
 from .statuses import sent_by, status_rows, taped_statuses
 
 _S = 1_000_000_000
+_NO_MESSAGE = "there is no message in it"
 JUMP_NS = 3600 * _S  # no recording has nothing for so long: a clock was set
 _Rows = Sequence[Optional[Tuple[Any, ...]]]
 _Columns = Sequence[Any]
@@ -345,7 +346,7 @@ class Recordings:
     def _nothing(self) -> NoMessagesError:
         names = self._names()
         if all(bag.start_ns is None for bag in self.bags):
-            return NoMessagesError(f"{names}: there is no message in it")
+            return NoMessagesError(f"{names}: {_NO_MESSAGE}")
         there = ", ".join(topic.name for bag in self.bags for topic in bag.topics)
         if not self.topics:
             return NoMessagesError(f"{names}: the map names none of its topics; there are {there}")
@@ -535,6 +536,23 @@ def topics_of(paths: Iterable[Path], memory: int = MEMORY) -> Tuple[str, ...]:
         BagError: One cannot be read.
     """
     return tuple(dict.fromkeys(name for path in paths for name in _topics(path, memory)))
+
+
+def check_messages(paths: Sequence[Path], memory: int = MEMORY) -> None:
+    """Refuse recordings without a message; `memory`: bytes that a chunk may take, decompressed.
+
+    Raises:
+        BagError: One cannot be read.
+        NoMessagesError: There is no message in any of them.
+    """
+    for path in paths:
+        bags = recordings_of(path, memory)
+        told = any(bag.start_ns is not None for bag in bags)
+        for bag in bags:
+            bag.close()
+        if told:
+            return
+    raise NoMessagesError(f"{', '.join(path.name for path in paths)}: {_NO_MESSAGE}")
 
 
 def _topics(path: Path, memory: int) -> Iterable[str]:
