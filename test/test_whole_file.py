@@ -20,6 +20,20 @@ def test_a_file_is_written_and_replaced(tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["x.json"]
 
 
+def test_a_stream_takes_what_is_written_and_stays_one(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_whole(pipe, "text\n")
+        assert os.read(reader, 100) == b"text\n"
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo()
+    write_whole(Path(os.devnull), "text\n")
+    assert Path(os.devnull).is_char_device()
+
+
 def test_a_disk_that_is_full_leaves_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "x.json"
     write_whole(path, "old\n")

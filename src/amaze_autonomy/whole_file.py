@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Iterable, Iterator, Union
@@ -23,7 +24,7 @@ def write_whole(path: Path, content: Union[str, bytes, Iterable[bytes]]) -> None
     """Write a file; what was there is replaced when the new one is on the disk.
 
     Args:
-        path: of the file; its folder exists.
+        path: of the file; its folder exists. A stream takes the content as it comes.
         content: text is written as UTF-8, with lines as they are; of bytes there may be several pieces.
 
     Raises:
@@ -31,10 +32,19 @@ def write_whole(path: Path, content: Union[str, bytes, Iterable[bytes]]) -> None
     """
     data = content.encode() if isinstance(content, str) else content
     try:
-        with whole(path) as file:
+        with path.open("wb") if is_stream(path) else whole(path) as file:
             file.writelines([data] if isinstance(data, bytes) else data)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error  # of the file that was asked for
+
+
+def is_stream(path: Path) -> bool:
+    """Tell whether a path is that of a pipe or a terminal, as /dev/stdout may be: nothing there can be replaced."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
 
 
 @contextmanager

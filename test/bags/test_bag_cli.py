@@ -205,6 +205,19 @@ def test_recover_says_what_was_lost(capsys, tmp_path, two):
     assert (status, json.loads(out)["messages"], json.loads(out)["lost"]) == (0, 80, 0)
 
 
+def test_a_merge_replaces_no_file_that_is_called_as_its_manifest_and_is_none(capsys, tmp_path, two):
+    output = tmp_path / "flight.bag"
+    other = manifest_path(output)
+    other.write_text("a shopping list\n")
+    said = f"amaze-bag: {other}: is no manifest, and would be replaced; name another file with -o\n"
+    assert run(capsys, "merge", *two, "-o", output) == (1, "", said)
+    assert (other.read_text(), output.exists()) == ("a shopping list\n", False)
+    other.unlink()
+    for _ in range(2):
+        assert run(capsys, "merge", *two, "-o", output)[0] == 0
+        output.unlink()
+
+
 def test_merge_verify_and_the_manifest(capsys, tmp_path, two):
     output = tmp_path / "flight.bag"
     status, out, _ = run(capsys, "merge", *two, "-o", output, "--duplicates", "drop", "--verify")

@@ -63,14 +63,16 @@ def session(tmp_path):
     return folder
 
 
-@pytest.mark.parametrize("kept", ["journal.jsonl", "flight.html"])
+@pytest.mark.parametrize("kept", ["journal.jsonl", "flight.html", "result.json", "timeline.txt"])
 def test_what_a_flight_wrote_is_not_replaced(session, flight_bag, flight_map, capsys, kept):
-    for other in {"journal.jsonl", "flight.html"} - {kept}:
+    (session / "result.json").write_text("{}\n")
+    (session / "timeline.txt").write_text("the pilot took over\n")
+    for other in {path.name for path in session.iterdir()} - {kept}:
         (session / other).unlink()
     before = (session / kept).read_text()
     assert main(["run", str(flight_bag), "--map", flight_map, "--out", str(session)]) == 2
-    said = capsys.readouterr().err
-    assert said == f"amaze-replay: {session / kept}: is not of a replay, and would be replaced; name another folder\n"
+    said = f"{session / kept}: is not of a replay, and would be replaced; name another folder with --out"
+    assert capsys.readouterr().err == f"amaze-replay: {said}\n"
     assert [path.name for path in session.iterdir()] == [kept]
     assert (session / kept).read_text() == before
 
@@ -102,8 +104,8 @@ def test_results_are_not_written_beside_a_recording(tmp_path, flight_bag, flight
 def test_a_page_replaces_neither_the_page_of_a_flight_nor_another_file(session, flight_bag, flight_map, capsys, name):
     before = (session / name).read_text()
     assert main(["run", str(flight_bag), "--map", flight_map, "--html", str(session / name)]) == 2
-    said = f"amaze-replay: {session / name}: is not of a replay, and would be replaced; name another file\n"
-    assert capsys.readouterr().err == said
+    said = f"{session / name}: is no page of a replay, and would be replaced; name another file with --html"
+    assert capsys.readouterr().err == f"amaze-replay: {said}\n"
     assert (session / name).read_text() == before
 
 
@@ -120,7 +122,11 @@ def test_the_page_of_a_journal_replaces_a_page_and_nothing_else(tmp_path, flight
     assert "<title>Flight journal" in (out / "flight.html").read_text("utf-8")
     capsys.readouterr()
     assert main(["journal", journal, "--html", journal]) == 2
-    assert capsys.readouterr().err == f"amaze-replay: {journal}: is no page, and would be replaced; name another file\n"
+    said = "is one of the inputs, which are never changed; name another file with --html"
+    assert capsys.readouterr().err == f"amaze-replay: {journal}: {said}\n"
+    assert main(["journal", journal, "--html", str(out / "result.json")]) == 2
+    said = "is no page, and would be replaced; name another file with --html"
+    assert capsys.readouterr().err == f"amaze-replay: {out / 'result.json'}: {said}\n"
 
 
 def test_another_rule_decides_otherwise(tmp_path, flight_map, capsys):

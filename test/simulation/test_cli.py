@@ -87,6 +87,26 @@ def test_writes_a_journal_that_can_be_read(capsys, tmp_path):
     assert (header["seed"], header["writer"]) == (3, "simulate")
 
 
+def test_a_journal_replaces_one_of_a_simulation_and_nothing_else(capsys, tmp_path):
+    flown, scenario = tmp_path / "journal.jsonl", tmp_path / "mine.yaml"
+    flown.write_text('{"kind":"header","version":3,"writer":"engine"}\n')
+    scenario.write_text("description: nothing\n")
+    files = {path: path.read_bytes() for path in (flown, scenario)}
+    for path, wrong in (
+        (flown, "is no journal of a simulation, and would be replaced; name another file with --journal"),
+        (scenario, "is one of the inputs, which are never changed; name another file with --journal"),
+        (tmp_path, "is a folder; name a file with --journal"),
+    ):
+        said = simulated(capsys, "--faults", str(scenario), "--journal", str(path))
+        assert said == (USAGE, "", f"simulate: {path}: {wrong}\n")
+    assert {path: path.read_bytes() for path in files} == files
+    own = tmp_path / "out.jsonl"
+    own.write_text("")
+    for _ in range(2):
+        assert simulated(capsys, "--journal", str(own))[0] == COMPLETE
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["journal.jsonl", "mine.yaml", "out.jsonl"]
+
+
 def test_prints_json_for_programs(capsys):
     status, out, _ = simulated(capsys, "--faults", "lrf", "--json")
     told = json.loads(out)

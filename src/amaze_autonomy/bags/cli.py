@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.command_line import run_command, say_wrong
+from amaze_autonomy.outputs import Kind, OutputError, check_output
 from amaze_autonomy.units import MB, SECOND
 
 from .errors import BagError
@@ -97,7 +98,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         _check_named(options)
         return LOST if options.command(options) else DONE
 
-    return run_command("amaze-bag", command, (BagError,), wrong=IMPOSSIBLE)
+    return run_command("amaze-bag", command, (BagError, OutputError), wrong=IMPOSSIBLE)
 
 
 def _check_named(options: argparse.Namespace) -> None:
@@ -372,6 +373,7 @@ def _merge(options: argparse.Namespace) -> bool:
         replace=options.force,
         memory=options.memory,
     )
+    check_output(manifest_path(options.output), "-o", Kind("manifest", _is_manifest))
     with _progress_bar("merge") as progress:
         merged = merge(options.inputs, options.output, how, progress)
     manifest = merge_manifest(merged, options.inputs, how)
@@ -385,6 +387,16 @@ def _merge(options: argparse.Namespace) -> bool:
     if verified:
         _keep_verdict(merged.path, manifest)
     return bool(verified and verified.problems)
+
+
+def _is_manifest(path: Path) -> bool:
+    from .merge.manifest import read_manifest
+
+    try:
+        read_manifest(path)
+    except BagError:
+        return False
+    return True
 
 
 def _filter(options: argparse.Namespace) -> bool:

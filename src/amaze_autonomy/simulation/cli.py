@@ -12,6 +12,8 @@ from amaze_autonomy import paths
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError, load_configuration
 from amaze_autonomy.engine.state import DataResult, Result, State
+from amaze_autonomy.outputs import Kind, OutputError, check_output
+from amaze_autonomy.whole_file import write_whole
 
 from ..engine.events import Mission
 from .errors import SimulationError
@@ -42,7 +44,7 @@ exit status:
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Run the command and return its exit status."""
     options = _parser().parse_args(argv)
-    known = (ConfigError, SimulationError, ValueError)
+    known = (ConfigError, SimulationError, OutputError, ValueError)
     return run_command("simulate", lambda: _run(options), known, wrong=USAGE)
 
 
@@ -51,15 +53,30 @@ def _run(options: argparse.Namespace) -> int:
     if options.list:
         print("\n".join(_listing(folder)))
         return COMPLETE
+    scenarios = [scenario_file(folder, options.faults)] if options.faults else []
+    check_output(options.journal, "--journal", _JOURNAL, scenarios)
     configuration = load_configuration(folder, options.overrides)
     missions = tuple(_mission(configuration.missions, name) for name in options.mission.split(","))
-    scenario = load_scenario(scenario_file(folder, options.faults)) if options.faults else Scenario()
+    scenario = load_scenario(scenarios[0]) if scenarios else Scenario()
     result = run(configuration, missions, scenario, seed=options.seed, limit_ns=round(options.limit_s * _NS))
     if options.journal:
-        options.journal.write_text("".join(line + "\n" for line in result.lines), encoding="ascii")
+        write_whole(options.journal, "".join(line + "\n" for line in result.lines))
     told = {**summary(result), "exit_status": _status(result)}
     print(json.dumps(told, indent=2, sort_keys=True) if options.json else story(scenario, result))
     return _status(result)
+
+
+def _is_simulated(path: Path) -> bool:
+    with path.open("rb") as file:
+        first = file.readline()
+    try:
+        header = json.loads(first)
+    except ValueError:
+        return False
+    return isinstance(header, dict) and header.get("writer") == "simulate"
+
+
+_JOURNAL = Kind("journal of a simulation", _is_simulated)
 
 
 def _parser() -> argparse.ArgumentParser:

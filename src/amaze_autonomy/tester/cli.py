@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any, Callable, List, Mapping, Sequence, Tuple
 
 from amaze_autonomy.bags.cli import add_memory
+from amaze_autonomy.outputs import Kind, beginning, check_output
 from amaze_autonomy.replay.errors import GoldenError
 from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import Journal
-from ..pages.document import need_plots
+from ..pages.document import is_document, need_plots
 from ..replay.errors import ReplayError
 from ..replay.recordings.journals import read_journals
 from .coverage import (
@@ -31,12 +32,15 @@ from .coverage import (
 )
 from .difference import agree, agreement_lines
 from .golden import check_reason, compare_with_golden, golden_path, may_be_of, orphans, read_golden, write_golden
-from .report_pages import write_page, write_sweep_page
+from .report_pages import REPORT_TITLE, write_page, write_sweep_page
 from .run import case_of, run_task, run_tasks
 from .scenario import Case, load_cases
 from .shrink import MOST_LINES, shrink
 from .task import (
+    JUNIT,
     NOT_COMPARED,
+    RESULTS,
+    SUMMARY,
     Options,
     Result,
     Task,
@@ -89,10 +93,20 @@ def _add_test(commands: _Parsers) -> None:
     test.set_defaults(command=_test)
 
 
+_REPORT = Kind("report of scenarios", lambda path: is_document(path, REPORT_TITLE))
+
+
 def _test(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     if options.html is not None:
         need_plots()
+    for path, option, kind in (
+        (options.json, "--json", RESULTS),
+        (options.junit, "--junit", JUNIT),
+        (options.markdown, "--markdown", SUMMARY),
+        (options.html, "--html", _REPORT),
+    ):
+        check_output(path, option, kind, options.paths)
     if options.json is not None:
         write_whole(options.json, _STARTED)
     waivers = waivers_of(options) if options.html is not None else {}
@@ -259,6 +273,9 @@ def _add_sweep(commands: Any) -> None:
     parser.set_defaults(command=_sweep)
 
 
+_SWEPT = Kind("map of a sweep", beginning(r'\{\s*"fault": '))
+
+
 def _sweep(options: argparse.Namespace) -> int:
     if options.html is not None:
         need_plots()
@@ -266,7 +283,10 @@ def _sweep(options: argparse.Namespace) -> int:
     if count > _MOST_RUNS:
         raise ReplayError(f"a sweep of {count + 1} runs: must be at most {_MOST_RUNS}; take a larger --step")
     times = [round(options.first_s + number * options.step, 6) for number in range(max(0, count) + 1)]
+    check_output(options.json, "--json", _SWEPT, [options.file])
     case = _case(options)
+    page = Kind(f"page of a sweep of {case.id}", lambda path: is_document(path, case.id))
+    check_output(options.html, "--html", page, [options.file])
     result = sweep(case, options.fault, times, options.resolution, _progress)
     show_lines(sweep_lines(result))
     if options.json is not None:
@@ -289,7 +309,11 @@ def _add_shrink(commands: Any) -> None:
     parser.set_defaults(command=_shrink)
 
 
+_SHRUNK = Kind("shrunk scenario", beginning(r'version: 1\ndescription: "Shrunk from '))
+
+
 def _shrink(options: argparse.Namespace) -> int:
+    check_output(options.out, "--out", _SHRUNK, [options.file])
     result = shrink(_case(options), options.rule, Path() if options.out is None else options.out.parent)
     lines: List[str] = result.text.splitlines()
     if options.out is not None:

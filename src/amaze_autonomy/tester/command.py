@@ -20,11 +20,13 @@ from typing import Callable, List, Optional, Sequence, Tuple
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.bags.cli import add_memory
 from amaze_autonomy.bags.errors import MessageError
+from amaze_autonomy.bags.other_formats import content_files
 from amaze_autonomy.command_line import outlasting_readers, run_command
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.outputs import Kind, OutputError, check_output
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.compare import Comparison, Lawful, check_laws, compare, law_lines, laws_result
 from amaze_autonomy.whole_file import write_whole
@@ -45,7 +47,7 @@ from .terminal import add_tapes, progress_bar, show_lines, show_timeline, use_ta
 
 _ALONE = (["run"], ["journal"], ["laws"], ["map"], ["maps"], ["export"])
 DONE, DIFFERENT, IMPOSSIBLE, PARTIAL, VACUOUS = 0, 1, 2, 3, 4
-_KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError, PageError)
+_KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError, OutputError, PageError)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -180,14 +182,30 @@ def _maps(_: argparse.Namespace) -> int:
 def _propose(options: argparse.Namespace) -> int:
     from ..replay.maps.proposal import propose  # noqa: PLC0415
 
+    check_output(options.out, "--out", _ANYTHING, (file for bag in options.bags for file in (bag, *content_files(bag))))
     proposal = propose(options.bags, options.memory)
     if options.out is None:
         show_lines(proposal.text.splitlines())
     else:
+        _check_map(options.out, proposal.text)
         write_whole(options.out, proposal.text)
         scripted = f"scripted: {', '.join(proposal.scripted) or 'nothing'}"
         show_lines([*proposal.found, scripted, f"written: {options.out}"])
     return PARTIAL if proposal.problems else DONE
+
+
+_ANYTHING = Kind("file", lambda _: True)
+
+
+def _check_map(path: Path, text: str) -> None:
+    """Refuse to replace whatever is not this very proposal: a map may have been edited, and is small enough to read.
+
+    Raises:
+        OutputError: it is something else.
+    """
+    if path.is_file() and path.stat().st_size > 0 and path.read_bytes() != text.encode():
+        words = "differs from this proposal, and would be replaced"
+        raise OutputError(f"{path}: {words}; name another file with --out, or delete that one")
 
 
 def _export(options: argparse.Namespace) -> int:
@@ -306,14 +324,12 @@ def _map(name: Optional[str], bags: List[Path], memory: int) -> TopicMap:
     return load_map(name if name is not None else stems[0])
 
 
-_REPLACED = "and would be replaced; name another"
-
-
 def _check_outputs(options: argparse.Namespace) -> None:
     """Refuse to replace what a replay did not write: a flight's journal and its page are nowhere else.
 
     Raises:
-        ReplayError: one of the outputs would take the place of it.
+        ReplayError: the folder is that of a recording.
+        OutputError: one of the outputs would take the place of it.
     """
     out: Optional[Path] = options.out
     if out is not None:
@@ -322,13 +338,15 @@ def _check_outputs(options: argparse.Namespace) -> None:
                 words = f"{out}: holds the recording {bag}, and a journal and a page may be its own"
                 raise ReplayError(f"{words}; name another folder with --out")
         journal, page = out / "journal.jsonl", out / "flight.html"
-        others = [journal] if journal.exists() and not _is_journal_of_replay(journal) else []  # an empty one, too
+        ours = journal.exists() and _is_journal_of_replay(journal)
+        others = [journal] if journal.exists() and not ours else []  # an empty one, too
         if not options.no_html and _is_filled(page) and not _is_page_of_replay(page):
             others.append(page)
+        if not ours:  # a replay writes its journal first, so that they are another program's
+            others += [out / name for name in ("result.json", "timeline.txt") if _is_filled(out / name)]
         for path in others:
-            raise ReplayError(f"{path}: is not of a replay, {_REPLACED} folder")
-    if options.html is not None and _is_filled(options.html) and not _is_page_of_replay(options.html):
-        raise ReplayError(f"{options.html}: is not of a replay, {_REPLACED} file")
+            raise OutputError(f"{path}: is not of a replay, and would be replaced; name another folder with --out")
+    check_output(options.html, "--html", _PAGE, options.bags)
 
 
 def _is_filled(path: Path) -> bool:
@@ -355,6 +373,9 @@ def _is_journal_of_replay(path: Path) -> bool:
 
 def _is_page_of_replay(path: Path) -> bool:
     return is_document(path, "Replay of ")
+
+
+_PAGE = Kind("page of a replay", _is_page_of_replay)
 
 
 def _write(folder: Optional[Path], plan: Plan, recordings: Recordings, outcome: Outcome) -> None:
@@ -423,8 +444,7 @@ class _Given:
 def _journal(options: argparse.Namespace) -> int:
     if options.html is not None:
         need_plots()
-        if _is_filled(options.html) and not is_document(options.html):
-            raise ReplayError(f"{options.html}: is no page, {_REPLACED} file")
+        check_output(options.html, "--html", Kind("page", is_document), [options.file])
     given = _Given(options)
     journals = read_journals(options.file, options.topic, options.memory)
     comparisons: List[Comparison] = []

@@ -20,12 +20,13 @@ from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.bags.other_formats import content_files
 from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.config.errors import ConfigError
+from amaze_autonomy.outputs import check_output
 from amaze_autonomy.whole_file import sha256_of, write_whole
 
 from ..replay.errors import ReplayError
 from .run import DIED, run_task, run_tasks, spread
 from .scenario import Case, load_cases
-from .task import NOT_COMPARED, Figures, Result, Task, Verdict, as_json, exit_status, result_lines
+from .task import NOT_COMPARED, RESULTS, Figures, Result, Task, Verdict, as_json, exit_status, result_lines
 from .terminal import (
     add_choice,
     add_configuration,
@@ -117,6 +118,7 @@ def add_corpus(commands: Any) -> None:
 
 def _corpus(options: argparse.Namespace) -> int:
     use_tapes(options)
+    check_output(options.json, "--json", RESULTS, options.paths)
     if options.json is not None:
         write_whole(options.json, _STARTED)
     goldens = not (options.no_goldens or options.config or options.set)

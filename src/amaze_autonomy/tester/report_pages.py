@@ -29,6 +29,8 @@ _RANK = {Verdict.FAIL: 0, Verdict.ERROR: 1, Verdict.VACUOUS: 2, Verdict.INCONCLU
 _Bar = Tuple[float, float, str]
 _MOST_POINTS = 1000
 
+REPORT_TITLE = "Scenarios"
+
 
 def page_content(results: Sequence[Result], coverage: Optional[Coverage], wall_s: float) -> Dict[str, Any]:
     """Return all that the page shows; failed scenarios first, then those that could not be run."""
@@ -138,7 +140,7 @@ def write_page(path: Path, results: Sequence[Result], coverage: Optional[Coverag
         OSError: it cannot be written.
         PageError: the plot library is not installed.
     """
-    write_document(path, "Scenarios", ("report",), page_content(results, coverage, wall_s))
+    write_document(path, REPORT_TITLE, ("report",), page_content(results, coverage, wall_s))
 
 
 # --- sweep ------------------------------------------------------------------------------------------------------------

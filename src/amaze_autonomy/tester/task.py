@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 
 from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.config.errors import ConfigError
+from amaze_autonomy.outputs import Kind, beginning
 
 from .expect.model import Finding
 from .scenario import find_files, load_cases
@@ -253,6 +254,12 @@ def plain(results: Sequence[Result], **more: Any) -> Dict[str, Any]:
     verdicts = [result.verdict for result in results]
     overall = {0: Verdict.PASS, 1: Verdict.FAIL, 3: Verdict.INCONCLUSIVE, 4: Verdict.VACUOUS}[exit_status(verdicts)]
     return {"version": 1, "verdict": overall.value, "tests": [result.plain() for result in results], **more}
+
+
+RESULTS = Kind("result of scenarios", beginning(r'\{\s*"version": 1,\s*"verdict": "[A-Z]+",\s*"(tests|headline)": '))
+JUNIT = Kind("JUnit file of amaze-replay", beginning(r'<\?xml [^>]*\?>\s*<testsuite name="amaze-replay"'))
+SUMMARY = Kind("summary of scenarios", beginning("# Scenarios\n"))
+"""What is written here, and may be replaced by what is written here."""
 
 
 def as_json(results: Sequence[Result], **more: Any) -> str:

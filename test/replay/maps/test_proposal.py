@@ -328,6 +328,29 @@ def test_the_command_writes_a_map_that_runs(tmp_path, capsys):
     assert "amaze-replay map" in Path(out).read_text()
 
 
+def test_a_map_replaces_neither_a_recording_nor_a_map_that_was_edited(tmp_path, capsys):
+    bag, out = write_bag(tmp_path / "x.bag", mavros_rows()), tmp_path / "mine.yaml"
+    before = bag.read_bytes()
+    (tmp_path / "linked.yaml").symlink_to(bag)
+    for name in (bag, tmp_path / "linked.yaml"):
+        assert main(["map", str(bag), "--out", str(name)]) == 2
+        said = "is one of the inputs, which are never changed; name another file with --out"
+        assert capsys.readouterr().err == f"amaze-replay: {name}: {said}\n"
+    assert bag.read_bytes() == before
+    out.write_text("")
+    for _ in range(2):  # an empty file, and the same map again
+        assert main(["map", str(bag), "--out", str(out)]) == 0
+    edited = out.read_text() + "# and the camera\n"
+    out.write_text(edited)
+    capsys.readouterr()
+    assert main(["map", str(bag), "--out", str(out)]) == 2
+    said = "differs from this proposal, and would be replaced; name another file with --out, or delete that one"
+    assert capsys.readouterr() == ("", f"amaze-replay: {out}: {said}\n")
+    assert out.read_text() == edited
+    assert main(["map", str(bag), "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"amaze-replay: {tmp_path}: is a folder; name a file with --out\n"
+
+
 def test_a_recording_without_a_vehicle_is_said_to_be_that(tmp_path, capsys):
     rows = [(START_NS + each * S, "/turtle", make("std_msgs/msg/Bool", data=True)) for each in range(5)]
     bag, out = write_bag(tmp_path / "x.bag", rows), tmp_path / "x.yaml"
