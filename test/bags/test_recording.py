@@ -74,7 +74,7 @@ def test_a_bag_without_messages_has_no_times(tmp_path):
         (b"\x7fELF and so on\n", "is no bag; name a ROS 1 bag of version 2.0"),
         (b"#ROSBAG V1.2\n", "its version is not 2.0 (#ROSBAG V1.2); older ones are converted with `rosbag fix`"),
         (b"#ROSBAG V2.0\r\n" + bytes(50), "its line endings were converted (git does that unless .gitattributes says"),
-        (b"#ROSBAG V2.0\n", "could not be read"),
+        (b"#ROSBAG V2.0\n", "the file ends within a record"),
         (b"\xff\xfe\xfd\n", ""),
     ],
 )
@@ -99,8 +99,14 @@ def test_a_recording_that_was_not_closed_is_one_clear_error(tmp_path):
     path = write_bag(tmp_path / "x.bag", flight_rows(4.0))
     data = path.read_bytes()
     path.write_bytes(re.sub(rb"index_pos=.{8}", b"index_pos=" + bytes(8), data, count=1, flags=re.DOTALL))
-    with pytest.raises(BagError, match="not indexed, reindex before reading; make a new index with `rosbag reindex`"):
+    with pytest.raises(BagError) as caught:
         Recording(path)
+    words = "was not closed, so it has no index; make a whole one with"
+    assert str(caught.value) == f"{path}: {words} `amaze-bag recover {path}`"
+    two_words = path.rename(tmp_path / "x y.bag")
+    with pytest.raises(BagError) as caught:
+        Recording(two_words)
+    assert str(caught.value).endswith(f" `amaze-bag recover '{two_words}'`")
 
 
 @pytest.mark.parametrize("kept", [0.2, 0.5, 0.9, 0.99])
@@ -108,8 +114,11 @@ def test_a_file_that_was_cut_off_is_one_clear_error(tmp_path, kept):
     path = write_bag(tmp_path / "x.bag", flight_rows(4.0))
     data = path.read_bytes()
     path.write_bytes(data[: int(kept * len(data))])
-    with pytest.raises(BagError, match="index"):
+    with pytest.raises(BagError) as caught:
         Recording(path)
+    assert str(caught.value).startswith(f"{path}: the index is damaged (")
+    assert str(caught.value).endswith(f"); make a whole one with `amaze-bag recover {path}`")
+    assert "('" not in str(caught.value)
 
 
 def test_a_damaged_index_never_gives_anything_but_a_bag_error(tmp_path):

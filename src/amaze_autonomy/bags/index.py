@@ -6,6 +6,7 @@ What stands behind each chunk can be told without numpy, so that a recovery star
 from __future__ import annotations
 
 import os
+import shlex
 import struct
 import sys
 from array import array
@@ -110,7 +111,6 @@ def _edge(seconds: Any, fractions: Any, choose: Any) -> int:
 _HEAD_BYTES = 4096  # of a chunk's header and of the bag's: more than any writer's
 LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have tables by number
 KEEP_GOOD = "keep what is good with `amaze-bag recover --check-data`"
-_REMEDY = "make a new one with `amaze-bag recover`"
 _PIECE = 1 << 20
 _LARGE_INDEX = 64 << 20  # bytes: a hundred for each chunk, so that hardly one has as many
 _BEHIND = (INDEX, CHUNK, CHUNK_INFO)  # what a chunk's data, or an index record's, is followed by
@@ -172,7 +172,7 @@ class Index:
         try:
             self._read(header)
         except (RecordError, struct.error, MemoryError, OverflowError) as error:
-            wrong, remedy = f"the index is damaged ({error})", _REMEDY
+            wrong, remedy = f"the index is damaged ({error})", recovering(path)
             if has_lost_returns(self.file, self.size, header.end):
                 wrong, remedy = LOST_RETURNS, _FETCH
             os.close(self.file)
@@ -194,7 +194,7 @@ class Index:
     def _read(self, header: Record) -> None:
         self.position = header.number(b"index_pos")
         if self.position == 0:
-            raise NotClosedError(str(self.path), "was not closed, so it has no index", _REMEDY)
+            raise NotClosedError(str(self.path), "was not closed, so it has no index", recovering(self.path))
         if not header.end <= self.position <= self.size:
             raise RecordError(f"it should be at byte {self.position} of {self.size}")
         tail = os.pread(self.file, self._length(header), self.position)
@@ -514,6 +514,11 @@ def require(good: bool, otherwise: str) -> None:  # noqa: FBT001
     """Raise a RecordError unless something is as it should be."""
     if not good:
         raise RecordError(otherwise)
+
+
+def recovering(path: Path) -> str:
+    """Return what to do with a bag whose index is missing or damaged; nothing that is whole is lost by it."""
+    return f"make a whole one with `amaze-bag recover {shlex.quote(str(path))}`"
 
 
 def unusable(path: Path, position: int, error: Exception) -> BagError:

@@ -5,7 +5,7 @@ numbers that a writer gave to its connections. Single messages are decoded by th
 and 0.11 on newer ones; numbers of many messages at once by `columns`, which says the same.
 
 A bag is opened by our own index, which is fast, and by the rosbags library where that refuses: what our index is strict
-about the library may still read; what neither reads the library has the words for.
+about the library may still read; what neither reads our index has the words for, the same as in `amaze-bag`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 from .columns import WHOLE, Wanted, read_columns, wanted_of
 from .errors import BagError, MessageError, NotABagError, OtherBagError, UndecodableError
 from .format import MEMORY, decompressed, fields_of, record_at
-from .index import Index, Messages, chunk_head
+from .index import Index, Messages, chunk_head, recovering
 from .tapes import Tapes, tapes_of
 
 # --- single messages --------------------------------------------------------------------------------------------------
@@ -282,7 +282,9 @@ def opened(path: Path, memory: int = MEMORY) -> Any:
     except BagError as error:
         if isinstance(error.__cause__, (NotABagError, OtherBagError)):
             raise
-        return Library(path, memory)
+        with suppress(BagError):
+            return Library(path, memory)
+        raise
 
 
 def _definition(header: bytes) -> str:
@@ -291,33 +293,15 @@ def _definition(header: bytes) -> str:
 
 
 def _reader(path: Path) -> Any:
-    from rosbags.rosbag1 import Reader, ReaderError  # noqa: PLC0415  (slow to load, and seldom wanted)
+    from rosbags.rosbag1 import Reader  # noqa: PLC0415  (slow to load, and seldom wanted)
 
     try:
         reader = Reader(path)
         reader.open()
-    except OSError as error:
-        raise BagError(str(path), f"cannot be read ({error.strerror})", "name a bag that you may read") from error
-    except ReaderError as error:
-        raise BagError(str(path), _without_dot(str(error)), _remedy(str(error))) from error
     except Exception as error:  # a damaged index may raise anything, bare AssertionError included
-        words = f"the index is damaged ({type(error).__name__}{': ' if str(error) else ''}{error})"
-        raise BagError(str(path), words, "make a new one with `rosbag reindex`") from error
+        words = f"the rosbags library cannot read it ({error or type(error).__name__})"
+        raise BagError(str(path), words, recovering(path)) from error
     return reader
-
-
-def _without_dot(text: str) -> str:
-    return text[:1].lower() + text[1:].rstrip(".")
-
-
-def _remedy(text: str) -> str:
-    if "not indexed" in text or "index" in text:
-        return "make a new index with `rosbag reindex`"
-    if "version" in text:
-        return "convert it with `rosbag fix` or `rosbag migrate`"
-    if "encrypt" in text:
-        return "decrypt it with `rosbag decompress` and its key"
-    return "name a ROS 1 bag of version 2.0"
 
 
 # --- the recording ----------------------------------------------------------------------------------------------------

@@ -89,7 +89,7 @@ class TimeJumpError(ReplayError):
     def __init__(self, names: str, before_ns: int, after_ns: int) -> None:
         gap = f"{(after_ns - before_ns) / 3.6e12:,.1f} h"
         words = f"between {before_ns / 1e9:.3f} s and {after_ns / 1e9:.3f} s: a clock was set, or the index is damaged"
-        super().__init__(f"{names}: no message for {gap} {words}; cut it there with `rosbag filter`")
+        super().__init__(f"{names}: no message for {gap} {words}; cut it there with `amaze-bag cut`")
         self.before_ns, self.after_ns = before_ns, after_ns
 
 

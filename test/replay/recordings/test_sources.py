@@ -103,5 +103,5 @@ def test_a_recording_in_which_a_clock_was_set_is_refused_with_the_times(tmp_path
         Recordings([write_bag(tmp_path / "x.bag", rows)], topics)
     assert str(caught.value) == (
         "x.bag: no message for 444,444.4 h between 5.000 s and 1600000000.000 s: a clock was set, or the index is "
-        "damaged; cut it there with `rosbag filter`"
+        "damaged; cut it there with `amaze-bag cut`"
     )
