@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from amaze_autonomy import whole_file
-from amaze_autonomy.whole_file import write_whole
+from amaze_autonomy.whole_file import is_unused, whole, whole_folder, write_whole
 
 
 def test_a_file_is_written_and_replaced(tmp_path):
@@ -75,6 +75,38 @@ def test_what_cannot_be_written_is_named_as_it_was_asked_for(tmp_path):
     with pytest.raises(FileNotFoundError) as told:
         write_whole(tmp_path / "no" / "report.html", "text")
     assert told.value.filename == str(tmp_path / "no" / "report.html")
+    with pytest.raises(FileNotFoundError) as told, whole(tmp_path / "no" / "x.mcap"):
+        pass
+    assert told.value.filename == str(tmp_path / "no" / "x.mcap")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(NotADirectoryError) as told, whole_folder(tmp_path / "file" / "config"):
+        pass
+    assert told.value.filename == str(tmp_path / "file" / "config")
+
+
+@pytest.mark.parametrize("make", [whole, whole_folder])
+def test_an_error_of_what_is_read_meanwhile_keeps_its_name(tmp_path, make):
+    with pytest.raises(FileNotFoundError) as told, make(tmp_path / "x"):
+        (tmp_path / "flight.bag").read_bytes()
+    assert told.value.filename == str(tmp_path / "flight.bag")
+    with pytest.raises(OSError, match="Input/output error") as broken, make(tmp_path / "x"):
+        raise OSError(errno.EIO, "Input/output error")
+    assert broken.value.filename is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_is_made_where_nothing_is_or_in_an_empty_one(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for path in (Path(), tmp_path / "no" / "new"):
+        assert is_unused(path)
+        with whole_folder(path) as part:
+            (part / "deep").mkdir()
+            (part / "deep" / "x").write_text("text")
+        assert [str(each.relative_to(path)) for each in sorted(path.rglob("*"))] == ["deep", "deep/x"]
+        assert not is_unused(path)
+    assert [each.name for each in (tmp_path / "no").iterdir()] == ["new"]
+    assert (tmp_path / "here" / "deep" / "x").read_text() == "text"
 
 
 @pytest.mark.usefixtures("umask_of_nodes")

@@ -12,6 +12,7 @@ from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optio
 from . import paths
 from .bags.cli import add_memory
 from .command_line import run_command, say_wrong
+from .whole_file import write_whole
 
 OK, WRONG, USAGE, NOBODY = 0, 1, 2, 3
 _RAW = argparse.RawDescriptionHelpFormatter
@@ -314,7 +315,7 @@ def _import_cns(options: argparse.Namespace) -> int:
         report = import_folder(options.folder, options.output).text()
     except ImportFolderError as error:
         return say_wrong("import-cns", str(error), WRONG)
-    (options.output / "import.txt").write_text(report + "\n", encoding="utf-8")
+    write_whole(options.output / "import.txt", report + "\n")
     print(report)
     try:
         configuration = load_configuration(options.output)

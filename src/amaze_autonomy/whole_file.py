@@ -1,4 +1,4 @@
-"""A file that is whole or not there: written beside its place, put on the disk, then put in place.
+"""A file, or a folder, that is whole or not there: written beside its place, put on the disk, then put in place.
 
 Whoever reads the file, at whatever moment, after whatever loss of power, finds the old one or the new one.
 """
@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Iterable, Iterator, Union
 
 _PIECE = 1 << 20
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # said of what is written, and of no name
 
 
 def temporary_name(path: Path) -> Path:
@@ -52,6 +54,9 @@ def whole(path: Path) -> Iterator[IO[bytes]]:
     """Open a file for writing that takes its place when it is whole; after an error nothing is left beside it.
 
     Its mode is that of a new file, whatever mode has what was there, or what a killed process left beside it.
+
+    Raises:
+        OSError: It cannot be written: of the file that was asked for, not of the one beside it.
     """
     part = temporary_name(path)
     try:
@@ -63,10 +68,64 @@ def whole(path: Path) -> Iterator[IO[bytes]]:
             os.fsync(file.fileno())
         part.replace(path)
         sync_folder(path.parent)
-    except BaseException:
+    except BaseException as error:
         with suppress(OSError):
             part.unlink()
+        if isinstance(error, OSError) and _is_of(error, part):
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Make a folder to be filled, which takes its place when all in it is on the disk; after an error nothing is left.
+
+    An empty folder that is there stays the same one: somebody may stand in it, or have mounted it.
+
+    Raises:
+        OSError: It cannot be written: of the folder that was asked for, not of the one beside it.
+    """
+    is_there = path.is_dir()
+    part = path / ".part" if is_there else temporary_name(path)
+    try:
+        if part.exists():  # of a killed process
+            shutil.rmtree(part)
+        part.mkdir(parents=True)
+        yield part
+        for folder, _, names in os.walk(part):
+            for name in names:
+                _sync_file(Path(folder, name))
+            sync_folder(Path(folder))
+        if is_there:
+            for each in list(part.iterdir()):
+                each.rename(path / each.name)
+            part.rmdir()
+        else:
+            part.rename(path)
+        sync_folder(path if is_there else path.parent)
+    except BaseException as error:
+        shutil.rmtree(part, ignore_errors=True)
+        if isinstance(error, OSError) and _is_of(error, part):
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
+
+
+def is_unused(folder: Path) -> bool:
+    """Tell whether `whole_folder` may make a folder: nothing is there, or a folder with nothing in it."""
+    return not folder.exists() or (folder.is_dir() and all(each.name == ".part" for each in folder.iterdir()))
+
+
+def _is_of(error: OSError, part: Path) -> bool:
+    """Tell whether an error is of what is being written, not of something that was read meanwhile."""
+    name = error.filename
+    if not isinstance(name, (str, os.PathLike)):
+        return error.errno in _FULL
+    return Path(name) == part or part in Path(name).parents
+
+
+def _sync_file(path: Path) -> None:
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
 
 
 def sha256_of(*paths: Path) -> str:

@@ -17,6 +17,7 @@ import yaml
 from amaze_autonomy.engine.rules import Severity
 from amaze_autonomy.missions.csv_table import YAW_COLUMNS, Frame, Said, YawUnit, lines_of, said_in, yaw_unit_of
 from amaze_autonomy.missions.errors import WaypointError
+from amaze_autonomy.whole_file import is_unused, whole_folder
 
 from ..paths import config_folder
 from .folder import (
@@ -77,7 +78,7 @@ def import_folder(folder: Path, output: Path) -> Report:
     """
     if not folder.is_dir():
         raise ImportFolderError(f"{folder}: is not a folder; must hold the missions and watchdog files")
-    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+    if not is_unused(output):
         raise ImportFolderError(f"{output}: is there already; name an empty or a new folder with --output")
     report, folder = Report(), folder.resolve()
     sources = read_folder(folder, report)
@@ -88,7 +89,7 @@ def import_folder(folder: Path, output: Path) -> Report:
     rows = tuple(sources[MISSIONS].values())
     ids, actions = _ids(rows), {row.name: _actions(row, report) for row in rows}
     severities = components.judged(actions)
-    files = _Files(folder, output, report)
+    files = _Files(folder, report)
     missions = {ids[row.name]: _mission(row, ids[row.name], files, report) for row in rows}
     for row in rows:
         own = {name: each.value for name, each in actions[row.name].items() if severities.get(name, each) is not each}
@@ -105,10 +106,10 @@ def import_folder(folder: Path, output: Path) -> Report:
         "autonomy.yaml: limits that its nodes need (a heartbeat of 0.5 Hz, a supervisor that answers after 10 s)",
         "autopilot.yaml: the vehicle is reached through mavros",
     ]
-    output.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        (output / f"{name}.yaml").write_text(text, encoding="utf-8")
-    files.write()
+    with whole_folder(output) as part:
+        for name, text in texts.items():
+            (part / f"{name}.yaml").write_text(text, encoding="utf-8")
+        files.write(part)
     return report
 
 
@@ -118,8 +119,8 @@ def import_folder(folder: Path, output: Path) -> Report:
 class _Files:
     """Trajectories as they are copied, with what their frame is in front."""
 
-    def __init__(self, folder: Path, output: Path, report: Report) -> None:
-        self._folder, self._output, self._report = folder, output, report
+    def __init__(self, folder: Path, report: Report) -> None:
+        self._folder, self._report = folder, report
         self._texts: Dict[str, str] = {}
 
     def take(self, row: Row, path: str) -> str:
@@ -158,11 +159,11 @@ class _Files:
             row.refuse(f"filepaths has {path!r}, which is {names}", "must say which")
         return found[0]
 
-    def write(self) -> None:
-        """Write them."""
+    def write(self, output: Path) -> None:
+        """Write them into a folder."""
         for name, text in self._texts.items():
-            (self._output / name).parent.mkdir(parents=True, exist_ok=True)
-            (self._output / name).write_text(text, encoding="utf-8")
+            (output / name).parent.mkdir(parents=True, exist_ok=True)
+            (output / name).write_text(text, encoding="utf-8")
 
 
 def _headed(file: str, text: str) -> Tuple[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import yaml
 from replay_bags import START_NS, S, distance, header, imu, magnetic, make, write_bag
 
-from amaze_autonomy import cli, paths
+from amaze_autonomy import cli, paths, whole_file
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
 from amaze_autonomy.replay.maps.topic_map import load_map
@@ -224,6 +225,28 @@ def test_a_folder_with_files_is_not_written_to(capsys, tmp_path, flight_bag):
     assert status == 1
     assert said == f"propose-config: {folder}: is there already; name an empty or a new folder with --output\n"
     assert [path.name for path in folder.iterdir()] == ["mine.yaml"]
+
+
+@pytest.mark.parametrize("is_there", [False, True])
+def test_a_full_disk_leaves_nothing_and_is_told_of_the_folder(capsys, tmp_path, flight_bag, monkeypatch, is_there):
+    folder = tmp_path / "deep" / "config"
+    if is_there:
+        folder.mkdir(parents=True)
+    before = folder.stat().st_ino if is_there else None
+    with monkeypatch.context() as patched:
+        patched.setattr(whole_file.os, "fsync", full)
+        status, said, _ = proposed(capsys, tmp_path / "deep", flight_bag)
+    assert (status, said) == (1, f"amaze-autonomy: {folder}: No space left on device\n")
+    assert list(folder.parent.rglob("*")) == ([folder] if is_there else [])
+    (folder / ".part" if is_there else folder.with_name(".config.part")).mkdir()  # as a killed process leaves it
+    assert proposed(capsys, tmp_path / "deep", flight_bag)[0] == 0
+    assert (folder / "trajectories" / "hop.csv").is_file()
+    assert not list(folder.parent.rglob(".*"))
+    assert before in (None, folder.stat().st_ino)
+
+
+def full(_):
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def test_recordings_or_the_running_graph_must_be_named(capsys, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
 from xml.etree import ElementTree as ET
@@ -18,6 +19,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Reader
 from test_other_recordings import FLIGHT_MAP, replayed
 
+from amaze_autonomy import whole_file
 from amaze_autonomy.replay.recordings.export import export
 from amaze_autonomy.tester.command import main
 
@@ -146,6 +148,21 @@ def test_a_recording_is_never_its_own_output(tmp_path, capsys, force):
         assert f"{output}: is one of the recordings, which are never changed" in capsys.readouterr().err
     assert [path.read_bytes() for path in (file, inside)] == before
     assert sorted(each.name for each in folder.iterdir()) == [*sorted({inside.name, "metadata.yaml"})]
+
+
+def test_what_cannot_be_written_is_told_by_the_name_that_was_given(tmp_path, capsys, monkeypatch):
+    source = write_bag(tmp_path / "x.bag", flight_rows(1.0))
+    missing, output = tmp_path / "no" / "x.mcap", tmp_path / "x.mcap"
+    assert main(["export", str(source), "-o", str(missing)]) == 2
+    assert capsys.readouterr().err == f"amaze-replay: {missing}: No such file or directory\n"
+
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(whole_file.os, "fsync", full)
+    assert main(["export", str(source), "-o", str(output)]) == 2
+    assert capsys.readouterr().err == f"amaze-replay: {output}: No space left on device\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["x.bag"]
 
 
 @pytest.mark.parametrize("name", ["x.mcap", "x.kml", "tables"])

@@ -7,13 +7,13 @@ Missions and limits are those of a careful beginning. It is meant to be looked a
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Tuple
 
 import yaml
 
 from amaze_autonomy import paths
+from amaze_autonomy.whole_file import is_unused, whole_folder
 
 from ..errors import ReplayError
 from .proposal import Proposal
@@ -47,21 +47,22 @@ class FirstConfigurationError(ReplayError):
 
 
 def write_configuration(proposal: Proposal, output: Path) -> Tuple[str, ...]:
-    """Write a configuration and the topic map; return what was assumed, one line each.
+    """Write a configuration and the topic map, all or nothing; return what was assumed, one line each.
 
     Raises:
         FirstConfigurationError: Nothing that was seen is a sensor, or the folder is not empty.
         OSError: It cannot be written.
     """
-    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+    if not is_unused(output):
         raise FirstConfigurationError(f"{output}: is there already; name an empty or a new folder with --output")
     maker = _Maker(proposal)
     texts = maker.texts()
-    (output / _HOP).parent.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        (output / name).write_text(text, encoding="utf-8")
-    shutil.copyfile(paths.config_folder() / "mavros" / _HOP, output / _HOP)
-    (output / "propose.txt").write_text("\n".join(maker.assumed) + "\n", encoding="utf-8")
+    texts[_HOP] = (paths.config_folder() / "mavros" / _HOP).read_text(encoding="utf-8")
+    texts["propose.txt"] = "\n".join(maker.assumed) + "\n"
+    with whole_folder(output) as part:
+        (part / _HOP).parent.mkdir()
+        for name, text in texts.items():
+            (part / name).write_text(text, encoding="utf-8")
     return tuple(maker.assumed)
 
 
