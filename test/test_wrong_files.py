@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20.common import MAVLink, MAVLink_heartbeat_message
 
 from amaze_autonomy import cli
 from amaze_autonomy.bags import cli as bags_cli
@@ -89,6 +90,42 @@ def test_a_wrong_file_is_one_line(capsys, name, file):
     assert "Traceback" not in err
     there = file.startswith(("empty", "words", "/"))
     assert len(err.splitlines()) == (IN_A_TABLE.get(verb, 1) if there else 1), err
+
+
+LOG = bytes.fromhex("00053e1d9c1d8000fd0900000001010000")
+OTHER_KINDS = {
+    "x.tlog": (LOG, "a telemetry log of MAVLink; name a journal or a bag; `amaze-replay run` replays it"),
+    "x.mcap": (b"\x89MCAP0\r\n", "an MCAP file; name a journal or a bag; `amaze-replay run` replays it"),
+    "x.bag.gz": (b"\x1f\x8b\x08\x08", "compressed with gzip; unpack it first"),
+    "x.bin": (
+        b"\xa3\x95\x80\x80",
+        "a DataFlash log of ArduPilot; of the same flight, a telemetry log (.tlog) or a bag can be read",
+    ),
+}
+
+
+@pytest.mark.parametrize("verb", ["journal", "laws", "agree"])
+@pytest.mark.parametrize("file", OTHER_KINDS)
+def test_a_file_that_is_no_journal_is_told_by_its_kind(capsys, verb, file):
+    content, words = OTHER_KINDS[file]
+    Path(file).write_bytes(content)
+    assert command.main([verb, file, *([file] if verb == "agree" else [])]) == 2
+    assert capsys.readouterr() == ("", f"amaze-replay: {file}: is no journal but {words}\n")
+
+
+def test_a_log_of_mavlink_alone_has_no_topics_to_watch(capsys):
+    log = Path("x.tlog")
+    time_us = 1_600_000_000_000_000
+    heartbeat = MAVLink_heartbeat_message(2, 12, 81, 0, 3, 3)
+    link = MAVLink(None, srcSystem=1, srcComponent=1)
+    log.write_bytes(b"".join((time_us + n * 100_000).to_bytes(8, "big") + heartbeat.pack(link) for n in range(20)))
+    assert cli.main(["propose-config", str(log), "--output", "new"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(
+        "propose-config: these are messages of MAVLink, no ROS topics, and only those can be watched"
+    )
+    assert "`amaze-replay map`" in line
+    assert not Path("new").exists()
 
 
 @pytest.mark.parametrize("command", [("doctor",), ("propose-config", "--live")])

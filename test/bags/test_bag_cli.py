@@ -196,10 +196,12 @@ def test_recover_says_what_was_lost(capsys, tmp_path, two):
     assert status == 3
     assert out.startswith(f"{tmp_path / 'flight.bag'}: ")
     assert "lost: an unknown number of messages" in out
-    assert run(capsys, "recover", active)[::2] == (
-        1,
-        f"amaze-bag: {tmp_path / 'flight.bag'}: exists; choose another name, or say that it may be replaced\n",
-    )
+    there = "exists; choose another name, or say that it may be replaced (--force)\n"
+    for command in (("recover", active), ("cut", two[0], "-o", tmp_path / "flight.bag", "--to", 0.1)):
+        assert run(capsys, *command)[::2] == (1, f"amaze-bag: {tmp_path / 'flight.bag'}: {there}")
+    for force in ((), ("--force",)):
+        said = f"amaze-bag: {tmp_path}: is a folder; name a file, in it or elsewhere\n"
+        assert run(capsys, "recover", active, "-o", tmp_path, *force) == (1, "", said)
     whole = unclosed(Path(two[0]), tmp_path / "whole.bag.active")
     status, out, _ = run(capsys, "recover", whole, "--json")
     assert (status, json.loads(out)["messages"], json.loads(out)["lost"]) == (0, 80, 0)

@@ -109,6 +109,16 @@ def test_a_page_replaces_neither_the_page_of_a_flight_nor_another_file(session, 
     assert (session / name).read_text() == before
 
 
+def test_a_file_is_no_folder_and_a_folder_no_file(session, flight_bag, flight_map, capsys):
+    for option, place, words in (
+        ("--out", session / "journal.jsonl", "is no folder; name a folder with --out"),
+        ("--out", flight_bag, "is no folder; name a folder with --out"),
+        ("--html", session, "is a folder; name a file with --html"),
+    ):
+        assert main(["run", str(flight_bag), "--map", flight_map, option, str(place)]) == 2
+        assert capsys.readouterr() == ("", f"amaze-replay: {place}: {words}\n")
+
+
 def test_a_page_of_a_replay_replaces_one(tmp_path, flight_bag, flight_map):
     for _ in range(2):
         assert main(["run", str(flight_bag), "--map", flight_map, "--html", str(tmp_path / "page.html")]) == 0

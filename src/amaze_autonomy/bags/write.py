@@ -133,6 +133,8 @@ class Output:
 
     def __init__(self, path: Path, *, replace: bool = False, needed: int = 0) -> None:
         self.path, self._replace = path, replace
+        if path.is_dir():
+            raise BagError(str(path), "is a folder", "name a file, in it or elsewhere")
         if path.exists() and not replace:
             raise _exists(path)
         self._part = temporary_name(path)
@@ -337,4 +339,4 @@ def _busy(path: Path) -> BagError:
 
 
 def _exists(path: Path) -> BagError:
-    return BagError(str(path), "exists", "choose another name, or say that it may be replaced")
+    return BagError(str(path), "exists", "choose another name, or say that it may be replaced (--force)")

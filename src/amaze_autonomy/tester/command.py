@@ -329,10 +329,12 @@ def _check_outputs(options: argparse.Namespace) -> None:
 
     Raises:
         ReplayError: the folder is that of a recording.
-        OutputError: one of the outputs would take the place of it.
+        OutputError: one of the outputs would take the place of it, or cannot be written.
     """
     out: Optional[Path] = options.out
     if out is not None:
+        if out.exists() and not out.is_dir():
+            raise OutputError(f"{out}: is no folder; name a folder with --out")
         for bag in options.bags:
             if _holds(out, bag):
                 words = f"{out}: holds the recording {bag}, and a journal and a page may be its own"

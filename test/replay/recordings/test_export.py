@@ -150,6 +150,17 @@ def test_a_recording_is_never_its_own_output(tmp_path, capsys, force):
     assert sorted(each.name for each in folder.iterdir()) == [*sorted({inside.name, "metadata.yaml"})]
 
 
+@pytest.mark.parametrize("force", [[], ["--force"]])
+def test_tables_need_a_folder_and_the_others_a_file(tmp_path, capsys, force):
+    source = write_bag(tmp_path / "x.bag", flight_rows(1.0))
+    (tmp_path / "x.mcap").mkdir()
+    (tmp_path / "tables").write_text("mine")
+    for name, wrong in (("x.mcap", "is a folder"), ("tables", "is no folder")):
+        assert main(["export", str(source), "-o", str(tmp_path / name), *force]) == 2
+        words = f"{wrong}; name a folder for tables, or a file x.mcap or x.kml"
+        assert capsys.readouterr().err == f"amaze-replay: {tmp_path / name}: {words}\n"
+
+
 def test_what_cannot_be_written_is_told_by_the_name_that_was_given(tmp_path, capsys, monkeypatch):
     source = write_bag(tmp_path / "x.bag", flight_rows(1.0))
     missing, output = tmp_path / "no" / "x.mcap", tmp_path / "x.mcap"

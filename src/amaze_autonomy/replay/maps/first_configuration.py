@@ -73,6 +73,10 @@ class _Maker:
         found = yaml.safe_load(proposal.text)
         self._map, self._text = found, proposal.text
         self._kinds = {name: kind for name, kind in proposal.kinds if not name.startswith(_NO_TOPICS)}
+        others = [
+            kind for kind in self._kinds.values() if not kind.startswith("amaze_autonomy/")
+        ]  # what is made of them
+        self._is_mavlink = len(self._kinds) < len(proposal.kinds) and not others
         self._readings: Mapping[str, Any] = found.get("readings") or {}
         self._table: Mapping[str, Any] = _decision_table()
         self._mavros = any(topic.startswith("/mavros/") for topic in self._kinds)
@@ -82,6 +86,11 @@ class _Maker:
         """Return the files by their names."""
         rows = (self._map.get("components") or {}).items()
         components = {name: self._component(name, row) for name, row in rows if row["topic"] in self._kinds}
+        if not components and self._is_mavlink:
+            raise FirstConfigurationError(
+                "these are messages of MAVLink, no ROS topics, and only those can be watched: name a bag of the ROS "
+                "graph; to replay this recording, `amaze-replay map` proposes a topic map"
+            )
         if not components:
             raise FirstConfigurationError(
                 "no sensor was seen that keeps a rate: let the drivers run, and record or look for ten seconds"

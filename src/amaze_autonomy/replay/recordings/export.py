@@ -75,6 +75,9 @@ def export(
         flight = _Flight(recordings, topics)
         write = {".mcap": _write_mcap, ".kml": _write_kml}.get(output.suffix.lower(), _write_tables)
         _check_unused(output, paths)
+        if output.exists() and output.is_dir() != (write is _write_tables):
+            wrong = "is no folder" if write is _write_tables else "is a folder"
+            raise BagError(str(output), wrong, "name a folder for tables, or a file x.mcap or x.kml")
         for file in _tables(flight, output) if write is _write_tables else [output]:
             if file.exists() and not replace:
                 raise BagError(str(file), "exists", "choose another name, or say that it may be replaced (--force)")

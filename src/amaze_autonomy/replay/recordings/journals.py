@@ -8,7 +8,7 @@ from typing import Dict, List, Optional, Sequence, Tuple, TypeVar
 
 from amaze_autonomy.bags import BagError, Recording
 from amaze_autonomy.bags.errors import MessageError
-from amaze_autonomy.bags.format import MEMORY
+from amaze_autonomy.bags.format import MEMORY, foreign
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionRejected, MissionSelected, Shutdown, UserRequest
 from amaze_autonomy.engine.state import State, evolve
@@ -20,6 +20,7 @@ T = TypeVar("T", Event, Decision)
 
 JOURNAL_KIND = "amaze_autonomy/JournalEntry"
 _BAG_MAGIC = b"#ROSBAG"
+_BEGIN_BYTES = 32
 
 
 def read_journals(path: Path, topic: str = "", memory: int = MEMORY) -> Tuple[Journal, ...]:
@@ -37,9 +38,14 @@ def read_journals(path: Path, topic: str = "", memory: int = MEMORY) -> Tuple[Jo
     """
     try:
         with path.open("rb") as file:
-            is_bag = file.read(len(_BAG_MAGIC)) == _BAG_MAGIC
+            begin = file.read(_BEGIN_BYTES)
     except OSError as error:
         raise ReplayError(f"{path}: cannot be read ({error.strerror}); name a journal or a bag") from error
+    is_bag, other = begin.startswith(_BAG_MAGIC), foreign(begin)
+    if other:
+        what, _, remedy = other.partition("; ")
+        remedy = "name a journal or a bag; `amaze-replay run` replays it" if "amaze-replay" in remedy else remedy
+        raise ReplayError(f"{path}: is no journal but {what}; {remedy}")
     try:
         return _journals_of_bag(path, topic, memory) if is_bag else (read(path.read_bytes().decode("ascii")),)
     except UnicodeDecodeError as error:
