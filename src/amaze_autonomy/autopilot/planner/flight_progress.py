@@ -13,8 +13,7 @@ from amaze_autonomy.missions import FlightModel, Waypoint, distance_m, leg_s
 
 from ..vehicle.modes import HOLD, LANDING_MODES, is_foreign
 from .guidance import Guidance
-from .held_mission import HeldMission
-from .held_place import HeldPlace
+from .held import HeldMission, HeldPlace
 from .loading import Loading, LoadRequest, Origin
 from .mission_upload import waypoint_index
 from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, SILENT, Pose, VehicleWatch
@@ -36,7 +35,7 @@ class FlightRecord:
     def __init__(self, watch: VehicleWatch, waypoints: int = 0) -> None:
         self._watch, self.waypoints = watch, waypoints
         self.guidance: Optional[Guidance] = None
-        self.held = HeldPlace(watch)
+        self.held_place = HeldPlace(watch)
         self.armed = self.airborne = self.lifted = False
         self._flown = False  # it was seen in the mode that this flight is flown in
         self.failure = ""
@@ -75,7 +74,7 @@ class FlightRecord:
     def look_at_the_hold(self, pose: Optional[Pose]) -> None:
         """Look whether it is moved in a hold of a mission; by set-points it is not led far from where it stands."""
         if self.guidance is None and self.airborne:
-            self.held.look(pose)
+            self.held_place.look(pose)
 
     @property
     def seems_down(self) -> bool:

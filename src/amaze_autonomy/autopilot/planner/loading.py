@@ -15,7 +15,7 @@ from amaze_autonomy.missions import Controller, Frame, Home, MissionPlan, Place,
 
 from ..link.dialect import Message
 from .guidance import Climb
-from .held_mission import HeldMission
+from .held import HeldMission
 from .mission_upload import Dialect, MissionUpload, UploadPhase, mission_items
 from .mission_vehicle import RESTART, VehicleWatch
 
