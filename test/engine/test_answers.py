@@ -158,7 +158,8 @@ def test_one_that_says_that_it_is_armed_cannot():
 def test_one_that_does_not_say_whether_it_is_armed_can_be_acknowledged_after_long():
     """Its link lives, and what says that it is armed does not come any more: there was no way out of PILOT."""
     story = at("PILOT")
-    story.vehicle.says.update(armed=None, landed=ev.VehicleLanded.UNKNOWN)
+    story.vehicle.says.update(armed=True, landed=ev.VehicleLanded.UNKNOWN)
+    story.after(60.0).vehicle.says.update(armed=None)
     assert story.after(29.0).user("acknowledge")[0] == "REFUSED"
     answer = story.after(2.0).user("acknowledge")
     assert answer == ("DONE", "Acknowledged; whether it has landed and is disarmed is not known.")

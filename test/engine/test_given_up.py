@@ -102,3 +102,49 @@ def test_a_landing_of_what_is_disarmed_and_does_not_say_that_it_is_down_can_be_e
     assert answer == ("DONE", "Acknowledged; it is disarmed, and does not say that it has landed.")
     story.expect("DATA_CLEANUP").look().until("MISSION_ENDED")
     assert story.motions == []
+
+
+def test_a_landing_of_what_is_armed_and_never_says_where_it_stands_can_be_ended():
+    """It cannot be disarmed, for that needs ON_GROUND; it was landed again a moment after each acknowledgement."""
+    story = at("MISSION flying")
+    story.planner.flown_ns = -(10**13)
+    story.vehicle.obeys = False
+    story.say(landed=ev.VehicleLanded.UNKNOWN).until("LAND").after(8.0)
+    assert story.user("acknowledge")[0] == "DONE"
+    story.look().until("MISSION_ENDED").after(5.0)
+    assert story.motions == []
+
+
+@pytest.mark.parametrize("state", ENDED)
+@pytest.mark.parametrize("mode", ["AUTO.LAND", ""])
+def test_what_a_person_acknowledged_in_the_pilots_hands_is_not_taken_back(state, mode):
+    story = at("PILOT")
+    story.silent.append("autopilot")
+    story.after(40.0)
+    assert story.user("acknowledge")[0] == "DONE"
+    story.until(state)
+    heard_in_the_air(story.look(), mode).after(1.0)
+    assert (story.motions, story.state.session.result) == ([], Result.PILOT)
+
+
+@pytest.mark.parametrize("lands_first", [False, True])
+def test_a_restart_makes_a_pilots_flight_of_before_the_start_no_flight_of_ours(lands_first):
+    story = heard_in_the_air(Story(), "POSCTL", pilot_in_control=True).start().after(2.0).expect("PILOT")
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.after(2.0).expect("PILOT")
+    if lands_first:
+        story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND).after(1.0)
+    else:
+        story.silent.append("autopilot")
+        story.after(40.0)
+    assert story.user("acknowledge")[0] == "DONE"
+    story.until("MISSION_ENDED").feed(ev.EngineStarted, label="again", resumed=True)
+    story.vehicle.says.clear()
+    heard_in_the_air(story.look(), "AUTO.LOITER").after(3.0)
+    assert (story.motions, story.state.session.result) == ([], Result.PILOT)
+
+
+def test_between_two_files_the_user_may_end_the_mission_whoever_seems_to_have_control():
+    story = at("MISSION touchdown")
+    story.say(armed=None, pilot_in_control=True).after(1.0).expect("MISSION", "touchdown")
+    assert story.user("land")[0] == "DONE"

@@ -289,6 +289,7 @@ def _flight(state: EngineState, caps: Dict[str, int]) -> Key:
         _age(state, caps, "peers.planner_idle_ns"),
         _age(state, caps, "peers.vehicle_unknown_ns"),
         _silence(state, caps["silent"]) if state.state is State.PILOT else 0,
+        _since(state.peers.armed_unknown_ns, state, caps["silent"]) if state.state is State.PILOT else 0,
         _age(state, caps, "flight.started_ns") if caps["flown"] or _unheard(state) else 0,
         _age(state, caps, "flight.grounded_ns") if state.state is not State.PILOT else 0,
         _age(state, caps, "flight.user_hold_ns"),

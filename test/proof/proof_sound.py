@@ -406,7 +406,9 @@ def _(s: EngineState) -> bool:
     planner, vehicle = s.peers.planner, s.peers.autopilot
     idle = planner is not None and planner.phase.name in ("IDLE", "LOADED", "LANDED", "HOLDING")
     unknown = vehicle is not None and (vehicle.armed is None or vehicle.landed.name == "UNKNOWN")
-    return (s.peers.planner_idle_ns is None or idle) and (s.peers.vehicle_unknown_ns is None or unknown)
+    unarmed = vehicle is not None and vehicle.armed is None
+    known = s.peers.vehicle_unknown_ns is None or unknown
+    return (s.peers.planner_idle_ns is None or idle) and known and (s.peers.armed_unknown_ns is None or unarmed)
 
 
 @_is("A component is known once.")

@@ -211,9 +211,8 @@ class Context:
         A node that was started again and has never heard the vehicle says that nothing is known of it.
         """
         peers = self.state.peers
-        says = peers.link_ns is not None and peers.autopilot is not None and peers.autopilot.armed is not None
-        since = (peers.autopilot_ns, peers.link_ns, None if says else peers.vehicle_unknown_ns)
-        heard = [each for each in since if each is not None]
+        vehicle_ns = peers.vehicle_unknown_ns if peers.link_ns is None else peers.link_ns
+        heard = [each for each in (peers.autopilot_ns, vehicle_ns, peers.armed_unknown_ns) if each is not None]
         return not heard or self.now - min(heard) >= self.limits.pilot_silence_limit_ns
 
     def disarmed_for_long(self) -> bool:
@@ -329,6 +328,10 @@ class Context:
         if status is None or seen_ns is None or self.now - seen_ns > self.limits.landing_detection_limit_ns:
             return Landed.UNKNOWN
         return status.landed
+
+    def tells_place(self) -> bool:
+        """Return True when the vehicle says, freshly, whether it stands on the ground."""
+        return self.airborne() or self.on_ground()
 
     def airborne(self) -> bool:
         """Return True when the vehicle says, freshly, that it has left the ground."""

@@ -210,7 +210,9 @@ _ASKED_BEFORE = Case(_NO, "It is landing: you asked for that before.")
 def answer_to(context: Context, command: UserCommand) -> Case:
     """Return the answer to a command in the engine's present state."""
     state = context.state.state
-    place = State.PILOT if state in (*_FLIGHT, State.LAND) and context.taken() else state  # as this event will show
+    flies = state in (*_FLIGHT, State.LAND) and context.state.step is not Step.TOUCHDOWN
+    taken = flies and command is not UserCommand.ACKNOWLEDGE and context.taken()
+    place = State.PILOT if taken else state  # as this event will show
     for case in ANSWERS[command].get(place, ()):
         if CONDITIONS[case.when](context):
             return case

@@ -296,7 +296,7 @@ def give_up_landing(context: Context) -> None:
 def pilot(context: Context) -> None:
     """Stop commanding: no mode is ours any more, nor that of before; no other mission takes off behind the pilot."""
     context.put("flight", commanded=(), confirmed=None, mode_before="", mode_flown="")
-    context.put("flight", user_hold_ns=None, takeover_noted=False)
+    context.put("flight", user_hold_ns=None, takeover_noted=False, another=True)
     context.set(armed_at_start=False)  # nor is it ours when it was not heard for a while
     drop_queue(context)
 

@@ -10,7 +10,7 @@ from .context import LANDING_MODES, Context
 from .events import MissionPhase, Outcome, VehicleLanded
 from .failsafe import FAILSAFE_CONDITIONS
 from .guards import Guard, holds_if
-from .state import Failure, State
+from .state import Failure, OutreachKind, State
 from .timers import passed
 
 _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
@@ -19,9 +19,14 @@ _ALARM = frozenset(row.name for row in FAILSAFE_CONDITIONS if row.alarm)
 
 
 def started_armed(context: Context) -> Optional[Seen]:
-    """The engine was started, with no flight of its own to resume, while the vehicle was armed, and it still is."""
-    still = context.state.armed_at_start is True and context.armed()
-    return holds_if(still and not context.state.flight.active, Value("armed at start", True))
+    """The engine was started, with no flight of its own to resume, while the vehicle was armed, and it still is.
+
+    So it is after a landing was given up, where the vehicle says where it is: what is not known was why it was.
+    """
+    state = context.state
+    still = state.armed_at_start is True and context.armed() and not state.flight.active
+    ended = state.state in (State.DATA_CLEANUP, State.MISSION_ENDED) or state.session.outreach is OutreachKind.DATA
+    return holds_if(still and not (ended and not context.tells_place()), Value("armed at start", True))
 
 
 def motion_refused(context: Context) -> Optional[Seen]:

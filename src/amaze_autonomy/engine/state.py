@@ -371,7 +371,7 @@ class Peers:
 
     Of each watchdog its last loop counter is kept, and how often in a row it has grown, up to two. Since when something
     is so: `planner_idle_ns`, that the planner says of a vehicle in the air that nothing is flown; `vehicle_unknown_ns`,
-    that it is not known whether the vehicle is armed, or on the ground.
+    that it is not known whether the vehicle is armed, or on the ground; `armed_unknown_ns`, whether it is armed.
     """
 
     action: Optional[WatchdogAction] = None
@@ -387,6 +387,7 @@ class Peers:
     autopilot: Optional[AutopilotStatus] = None
     autopilot_ns: Optional[int] = None
     vehicle_unknown_ns: Optional[int] = None
+    armed_unknown_ns: Optional[int] = None
     battery_ns: Optional[int] = None
     position_ns: Optional[int] = None
     landing: Optional[LandedStatus] = None

@@ -137,7 +137,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("disarm_after_mission", (FLYING,), both(flight.planner_in(MissionPhase.LANDING, MissionPhase.LANDED), flight.ground_armed), None, "disarm", {}, do.disarm, "the planner lands or has landed, and it stays armed on the ground"),
     T("mission_complete", (FLYING,), both(flight.file_done, flight.last_leg), CLEANUP, "data_cleanup", {"session.result": Result.COMPLETE}, words="last waypoint done, landed and disarmed"),
     T("touchdown", (FLYING,), flight.file_done, TOUCHDOWN, "touchdown", words="a file is done, landed and disarmed; more are to come"),
-    T("landing_given_up", (State.LAND,), both(user(UserCommand.ACKNOWLEDGE), flight.nobody_knows), CLEANUP, "landing_given_up", _EARLY, do.give_up_landing, words="the pilot was alarmed, the vehicle is silent, and a person ends the mission"),
+    T("landing_given_up", (State.LAND,), both(user(UserCommand.ACKNOWLEDGE), flight.nobody_knows), CLEANUP, "landing_given_up", _EARLY, do.give_up_landing, words="the pilot was alarmed, the vehicle is silent, unknown or long disarmed, and a person ends the mission"),
     T("landed", (State.LAND,), flight.touched_down, CLEANUP, "data_cleanup", words="landed and disarmed"),
     T("cancelled_by_landing", (State.LAND,), flight.cancelled_on_ground, CLEANUP, "data_cleanup", _NOT_FLOWN, words="never armed, and the landing was accepted"),
     T("landed_unexpectedly", (CLIMBING, FLYING, State.HOLD), both(flight.touched_down, timer("confirm_limit")), CLEANUP, "data_cleanup", _EARLY, words="landed and disarmed, the planner does not say that the mission is done"),
@@ -222,7 +222,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("at_takeoff_height", (CLIMBING,), flight.at_takeoff_height, FLYING, "mission", words="airborne and at takeoff height"),
     # after the flight
     T("acknowledged", (PILOT,), both(user(UserCommand.ACKNOWLEDGE), flight.heard_down), CLEANUP, "data_cleanup", words="on the ground, disarmed, acknowledged"),
-    T("acknowledged_unknown", (PILOT,), user(UserCommand.ACKNOWLEDGE), CLEANUP, "landing_given_up", words="the vehicle has been silent, or disarmed, for long, and a person ends the mission"),
+    T("acknowledged_unknown", (PILOT,), user(UserCommand.ACKNOWLEDGE), CLEANUP, "landing_given_up", words="the vehicle has been silent, unknown or disarmed for long, and a person ends the mission"),
     T("nothing_to_collect", (CLEANUP,), ground.nothing_recorded, ENDED, "mission_ended", words="nothing was recorded"),
     T("data_lost", (CLEANUP,), ground.data_lost, ENDED, "mission_ended_incomplete", _INCOMPLETE, words="merged and verified, but something of the flight was not recorded"),
     T("data_complete", (CLEANUP,), ground.data_complete, ENDED, "mission_ended", {"session.data_result": DataResult.COMPLETE}, words="written, transferred, merged, verified"),

@@ -103,7 +103,7 @@ def _follow(old: Optional[Agreement], now_ns: int, *, says: bool) -> Optional[Ag
 
 def _engine_started(context: Context, event: EngineStarted) -> None:
     state = context.state
-    armed = state.armed_at_start if state.sessions else None
+    armed = state.armed_at_start if state.sessions or state.state is not State.MISSION_INPUT else None
     context.set(label=event.label, started_ns=context.now, armed_at_start=armed, shutting_down=False)
     if not event.resumed:
         return
@@ -293,6 +293,7 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
         autopilot=event,
         autopilot_ns=now,
         vehicle_unknown_ns=_since(peers.vehicle_unknown_ns, now, says=unknown),
+        armed_unknown_ns=_since(peers.armed_unknown_ns, now, says=event.armed is None),
         battery_ns=_battery_known_ns(event, now, peers.battery_ns),
         position_ns=now if known else peers.position_ns,
     )

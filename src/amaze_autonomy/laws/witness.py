@@ -77,6 +77,7 @@ class Witness:
     planner_ns: int = 0
     idle_ns: Optional[int] = None
     unknown_ns: Optional[int] = None
+    armed_unknown_ns: Optional[int] = None
     recorder: Optional[ev.RecordingStatus] = None
     recorder_ns: int = 0
     growing_ns: Optional[int] = None
@@ -165,8 +166,7 @@ class Witness:
 
     def is_silent(self, limits: Limits) -> bool:
         """Return True when it is silent for long, or does not say for long whether it is armed."""
-        says = self.vehicle is None or self.vehicle.armed is not None or self.unknown_ns is None
-        unknown_ns = 0 if says else self.now - (self.unknown_ns or 0)
+        unknown_ns = 0 if self.armed_unknown_ns is None else self.now - self.armed_unknown_ns
         return max(self.silent_ns(), unknown_ns) >= limits.pilot_silence_limit_ns
 
     def is_disarmed(self, limits: Limits) -> bool:
@@ -225,6 +225,8 @@ def _autopilot(
     unchanged = event.mode == witness.mode_before and not witness.answered  # since before the flight
     unknown = event.armed is None or event.landed is ev.VehicleLanded.UNKNOWN
     changes["unknown_ns"] = (now if witness.unknown_ns is None else witness.unknown_ns) if unknown else None
+    unknown_ns = now if witness.armed_unknown_ns is None else witness.armed_unknown_ns
+    changes["armed_unknown_ns"] = unknown_ns if event.armed is None else None
     changes["idle_ns"] = _idle_since(witness, witness.planner, event, now, limits, state)
     changes["foreign"] = changed and event.mode in NEVER_OURS and not unchanged
     link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
@@ -425,7 +427,7 @@ def _started(
     if event.resumed:
         changes.update(planner_ns=now, recorder_ns=now, vehicle_ns=now, detection_ns=now)
         changes.update(vehicle=None, planner=None, recorder=None, detection=ev.Landed.UNKNOWN)
-        changes.update(idle_ns=None, unknown_ns=None)
+        changes.update(idle_ns=None, unknown_ns=None, armed_unknown_ns=None)
         changes.update(sent_ns=now, second_ns=now)  # what was commanded is, again, once it was heard who has control
         changes.update(
             growing_ns=None, descending_ns=None, down_ns=None, ground_ns=None, taken=0, armed_late=0, stalled_s=0.0
