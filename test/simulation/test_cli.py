@@ -4,8 +4,12 @@ import json
 
 import pytest
 
+from amaze_autonomy import paths
 from amaze_autonomy.journal import journal
 from amaze_autonomy.simulation.cli import COMPLETE, LIMIT, NOT_COMPLETE, USAGE, WAITING, main
+
+NAMES = ", ".join(sorted(path.stem for path in (paths.config_folder() / "faults").iterdir()))
+THERE_ARE = f"(a component's name alone is none); there is {NAMES}"
 
 
 def simulated(capsys, *arguments):
@@ -47,8 +51,8 @@ def test_the_exit_status_says_how_it_ended(capsys, arguments, status, last):
     "arguments, words",
     [
         (("--mission", "9"), "simulate: there is no mission '9'; there is 1, 2, 3, 4, 5\n"),
-        (("--faults", "lfr"), "simulate: there is no scenario 'lfr'; did you mean lrf?\n"),
-        (("--faults", "zzz"), "simulate: there is no scenario 'zzz'; --list shows those that ship with the package\n"),
+        (("--faults", "lfr"), f"simulate: there is no scenario 'lfr' {THERE_ARE}; did you mean lrf?\n"),
+        (("--faults", "zzz"), f"simulate: there is no scenario 'zzz' {THERE_ARE}\n"),
         (
             ("--faults", "no/such.yaml"),
             "simulate: no/such.yaml: cannot be read (No such file or directory); must be a readable file\n",

@@ -117,8 +117,9 @@ def scenario_file(folder: Path, name: str) -> Path:
     shipped = {file.stem: file for file in sorted((folder / "faults").glob("*.yaml"))}
     if name not in shipped:
         close = difflib.get_close_matches(name, list(shipped), n=1)
-        meant = f"did you mean {close[0]}?" if close else "--list shows those that ship with the package"
-        raise ValueError(f"there is no scenario {name!r}; {meant}")
+        meant = f"; did you mean {close[0]}?" if close else ""
+        there = ", ".join(shipped) or "none"
+        raise ValueError(f"there is no scenario {name!r} (a component's name alone is none); there is {there}{meant}")
     return shipped[name]
 
 
