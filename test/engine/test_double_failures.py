@@ -244,5 +244,5 @@ def test_a_wait_that_ends_by_being_dropped_is_told():
 
 def test_an_unlisted_component_waits_for_the_configured_time():
     story = at("MISSION flying")
-    story.fail("thermal_camera", 8).after_ns(15 * S - 1).expect("HOLD")
+    story.fail("nobodys_camera", 8).after_ns(15 * S - 1).expect("HOLD")
     story.after_ns(1).expect("LAND")

@@ -63,15 +63,15 @@ def test_what_was_not_recorded_is_elsewhere_when_the_mission_requires_it(overrid
 @pytest.mark.parametrize(
     "overrides, required",
     [
-        ((), ("realsense_imu", "thermal")),
-        ((WITHOUT_REALSENSE,), ("thermal",)),
-        ((LISTED,), ("realsense_imu", "thermal")),
+        ((), ("realsense_imu", "nobodys_camera")),
+        ((WITHOUT_REALSENSE,), ("nobodys_camera",)),
+        ((LISTED,), ("realsense_imu", "nobodys_camera")),
     ],
 )
 def test_of_what_a_map_names_the_map_and_the_mission_require_and_of_what_is_not_configured_the_map(
     overrides: Tuple[str, ...], required: Tuple[str, ...]
 ):
-    flags = {"realsense_imu": True, "lrf": False, "thermal": True, "second": False}
+    flags = {"realsense_imu": True, "lrf": False, "nobodys_camera": True, "second": False}
     plan = make_plan(configured(*overrides), mapped(flags), "1", tuple(f"/{name}" for name in flags))
     assert plan.mission.required == required
     assert plan.unseen == {}, "a map that names its components lacks none"

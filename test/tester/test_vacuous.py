@@ -138,7 +138,7 @@ def test_what_if_follows_each_key_in_which_a_folder_differs(capsys):
 
 
 def test_what_if_says_of_a_folder_with_other_components_that_its_keys_are_not_followed(capsys):
-    added = "  thermal: {group: other, severity: low, topics: {/thermal: {rate_hz: 9.0, age_limit_s: 1.0}}}\n"
+    added = "  nobodys_camera: {group: other, severity: low, topics: {/nobodys: {rate_hz: 9.0, age_limit_s: 1.0}}}\n"
     other_folder(lambda text: text.replace("\ncomponents:\n", f"\ncomponents:\n{added}", 1))
     assert main(["what-if", "x.scenario.yaml", "--against", "other"]) == 4
     assert capsys.readouterr().out.splitlines()[0] == (
@@ -159,7 +159,7 @@ def test_a_changed_copy_of_the_configuration_is_followed_as_its_keys_are(capsys)
 
 
 def test_a_configuration_of_its_own_is_no_changed_copy(capsys):
-    added = "  thermal: {group: other, severity: low, topics: {/thermal: {rate_hz: 9.0, age_limit_s: 1.0}}}\n"
+    added = "  nobodys_camera: {group: other, severity: low, topics: {/nobodys: {rate_hz: 9.0, age_limit_s: 1.0}}}\n"
     other_folder(lambda text: text.replace("\ncomponents:\n", f"\ncomponents:\n{added}", 1))
     assert main(["run", "flight.bag", "--map", "flight.yaml", "--config", "other"]) == 0
     assert "VACUOUS" not in capsys.readouterr().out
