@@ -1,4 +1,4 @@
-"""What a node has received, out of its answer to getBusStats."""
+"""What a node has received, out of its answer to getBusStats; what recorded peers answer."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from amaze_autonomy.nodes.simulation.recorded_peers_node import Reception, receptions, unconnected
+from amaze_autonomy.engine.events import Outcome
+from amaze_autonomy.interface import SERVICES
+from amaze_autonomy.nodes.simulation.recorded_peers_node import ANSWERS, Reception, receptions, unconnected
+from amaze_autonomy.ros.interface import SERVICE_CLASSES
 
 STATS = [
     [["/watchdog/info", 100, [[7, 100, 2, True]]]],
@@ -36,3 +39,13 @@ def test_who_is_not_connected_to_what_it_wants_is_named():
         "/watchdog to /imu",
         "/autonomy to /clock",
     ]
+
+
+def test_every_service_of_a_peer_that_does_not_run_live_is_answered_with_yes():
+    live = ("watchdog/", "landing_detection/", "state_estimation/")
+    assert set(ANSWERS) == {name for name in SERVICES if not name.startswith(live)}
+    for name, (kind, fields) in ANSWERS.items():
+        assert kind is SERVICE_CLASSES[name]
+        reply = SERVICES[name].reply(kind._response_class(**fields), 1, 0)
+        assert reply.outcome is Outcome.ACCEPTED
+        assert getattr(reply, "ok", True)

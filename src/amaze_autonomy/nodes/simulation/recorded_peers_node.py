@@ -27,10 +27,12 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 import rosgraph
 import rospy
-from std_srvs.srv import SetBool, Trigger, TriggerResponse
+from std_srvs.srv import SetBool
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.bags import BagError, Recording
+from amaze_autonomy.interface import SERVICES
+from amaze_autonomy.ros.interface import SERVICE_CLASSES
 from amaze_autonomy.ros.liveness import call
 from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
@@ -48,16 +50,11 @@ _STATUSES: Mapping[str, Any] = {
     "mission_planner/status": msg.MissionStatus,
     "data_recorder/status": msg.RecordingStatus,
 }
-_ANSWERS: Mapping[str, Tuple[Any, Mapping[str, Any]]] = {
-    "autopilot/check_battery": (srv.CheckBattery, {"ok": True}),
-    "autopilot/check": (srv.CheckAutopilot, {"ok": True}),
-    "autopilot/land": (Trigger, {"success": True}),
-    "autopilot/disarm": (Trigger, {"success": True}),
-    "mission_planner/load": (srv.LoadMission, {"accepted": True}),
-    "mission_planner/command": (srv.MissionCommand, {"accepted": True}),
-    "data_recorder/start": (srv.StartRecording, {"accepted": True}),
-    "data_recorder/stop": (srv.StopRecording, {"accepted": True}),
+_RECORDED_PEERS = ("autopilot", "mission_planner", "data_recorder")
+ANSWERS: Mapping[str, Tuple[Any, Mapping[str, Any]]] = {
+    name: (SERVICE_CLASSES[name], {row.ok: True}) for name, row in SERVICES.items() if row.peer in _RECORDED_PEERS
 }
+"""By the name of the service: its class, and the fields of the answer that say yes."""
 
 
 class RecordedPeers:
@@ -77,13 +74,13 @@ class RecordedPeers:
         for name, kind in _STATUSES.items():
             rospy.Subscriber(_PREFIX + name, kind, self._pass_on, name, tcp_nodelay=True)
         self._services = [
-            rospy.Service(name, kind, self._answerer(kind, fields)) for name, (kind, fields) in _ANSWERS.items()
+            rospy.Service(name, kind, self._answerer(kind, fields)) for name, (kind, fields) in ANSWERS.items()
         ]
 
     # --- the peers ----------------------------------------------------------------------------------------------------
 
     def _answerer(self, kind: Any, fields: Mapping[str, Any]) -> Any:
-        response = TriggerResponse if kind is Trigger else kind._response_class
+        response = kind._response_class
 
         def answer(request: Any) -> Any:
             with self._lock:
