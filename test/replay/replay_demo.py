@@ -10,6 +10,7 @@ from replay_runs import CONFIG
 
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine import events
+from amaze_autonomy.interface import status_of
 from amaze_autonomy.journal.journal import read
 from amaze_autonomy.simulation.run import run
 from amaze_autonomy.simulation.scenario import Scenario
@@ -20,6 +21,12 @@ RESTARTS = {"NONE": 0, "TRYING": 1, "GIVEN_UP": 2}
 
 def _nan(value):
     return NAN if value is None else float(value)
+
+
+def _of_row(event, **by_hand):
+    """Return the message of a status without lists; a field that is new in its row is in it without being told."""
+    row = status_of(event).shape
+    return make(f"amaze_autonomy/msg/{row.message}", **{**row.write(event, event.t_ns, make), **by_hand})
 
 
 def _component(status, t_ns):
@@ -57,8 +64,8 @@ def _info(event, at):
 
 
 def _planner(event, at):
-    return "/mission_planner/status", make(
-        "amaze_autonomy/msg/MissionStatus",
+    return "/mission_planner/status", _of_row(
+        event,
         header=header(at),
         session_id=event.session_id,
         mission_id=event.mission_id,
@@ -74,8 +81,8 @@ def _planner(event, at):
 
 
 def _autopilot(event, at):
-    return "/autopilot/status", make(
-        "amaze_autonomy/msg/AutopilotStatus",
+    return "/autopilot/status", _of_row(
+        event,
         header=header(at),
         link_age=_nan(event.link_age_s),
         armed_known=event.armed is not None,
@@ -113,8 +120,8 @@ def _autopilot(event, at):
 
 
 def _landed(event, at):
-    return "/landing_detection/landed", make(
-        "amaze_autonomy/msg/Landed",
+    return "/landing_detection/landed", _of_row(
+        event,
         header=header(at),
         landed=event.landed.value,
         distance=_nan(event.distance_m),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace as changed
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from replay_demo import demo_bag, simulated
 from replay_runs import CONFIG, moves, replay, texts
 
 from amaze_autonomy.config.loader import load_configuration
-from amaze_autonomy.engine.events import CheckName, Mission, MissionSelected, UserCommand
+from amaze_autonomy.engine.events import AutopilotStatus, CheckName, Mission, MissionSelected, UserCommand
 from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.journal.journal import read
 from amaze_autonomy.replay import maps
@@ -21,6 +22,7 @@ from amaze_autonomy.replay.maps.topic_map import load_map
 from amaze_autonomy.replay.plan import make_plan
 from amaze_autonomy.replay.recordings.journals import FlightLog, selection_of
 from amaze_autonomy.replay.recordings.sources import Recordings, topics_of
+from amaze_autonomy.replay.recordings.statuses import EVENT_OF
 from amaze_autonomy.replay.session import Session
 from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.simulation.scenario import Request, Scenario, Trigger
@@ -89,6 +91,23 @@ def test_what_the_user_asked_comes_from_the_log_and_statuses_from_the_bag(bag):
     assert lines[0].split()[1] == "log"
     assert "mission_selected" in lines[0]
     assert [line.split()[1] for line in lines if "by at_takeoff_height" in line] == ["bag"]
+
+
+def test_a_recorded_status_of_the_vehicle_is_told_whole_and_each_of_its_fields_can_decide(tmp_path, flown):
+    recorded = []
+
+    def tilted(path, rows):
+        for t_ns, topic, message in rows:
+            if topic == "/autopilot/status":
+                message.tilt = math.radians(80.0 if 20 * S <= t_ns - START_NS < 25 * S else 0.0)
+                recorded.append(EVENT_OF["autopilot"](message, t_ns))
+        return write_bag(path, rows)
+
+    outcome, _ = replay(demo_bag(tmp_path / "tilted.bag", flown, written=tilted), "amaze_demo")
+    told = [each for each in payloads_of(outcome.journal) if isinstance(each, AutopilotStatus)]
+    assert [each for each in told if each.t_ns >= recorded[0].t_ns] == recorded
+    (landing,) = [each for each in outcome.decisions if each.after == "LAND"][:1]
+    assert [value.value for value in landing.values if value.name == "failure"] == ["tilt"]
 
 
 def test_the_session_is_that_of_the_flight(bag, flown):
