@@ -111,9 +111,9 @@ def test_a_manual_mode_without_failsafe_is_the_pilot_s():
 
 def test_rc_is_not_heard_though_its_bit_is_enabled_and_the_pre_arm_bit_is_in_health_alone():
     def verdicts(vehicle, t_ns):
-        return vehicle.system.rc(t_ns), vehicle.system.prearm(t_ns), vehicle.system.tells_prearm
+        return vehicle.system.rc(t_ns), vehicle.system.prearm(t_ns)
 
-    assert changes("px4_normal_mission.tlog", verdicts)[1:4] == [(0.2, (False, True, False))]
+    assert changes("px4_normal_mission.tlog", verdicts)[1:4] == [(0.2, (False, True))]
 
 
 def test_texts_come_once_and_without_their_tabs():

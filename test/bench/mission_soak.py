@@ -15,7 +15,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "simulation" / "px4"))
 
-from soak import MS, Quality, Soak
+from bad_line import Quality
+from soak import MS, Soak
 
 
 def main(missions: int = 200, seed: int = 1) -> int:

@@ -20,6 +20,7 @@ from random import Random
 sys.path.insert(0, str(Path(__file__).parents[1] / "simulation" / "px4"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "simulation" / "px4_udp"))
 
+from bad_line import BadRelay, Quality
 from px4_tools import QUICK
 from udp_tools import served
 
@@ -30,8 +31,6 @@ from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import Mission, MissionPhase
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, MissionPlan, PlannerSpec, Trajectory, Waypoint, estimate_rounds
-from amaze_autonomy.simulation.px4 import Quality
-from amaze_autonomy.simulation.px4_udp import BadRelay
 
 MS = 1_000_000
 LINE = Trajectory("line.csv", tuple(Waypoint(4.0 * n, 0.0, 2.0, 0.0, 0.0) for n in range(3)))

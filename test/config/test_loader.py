@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import amaze_autonomy
-from amaze_autonomy.config import ConfigError, hash_of, load_configuration, rules_of_effective
+from amaze_autonomy.config import hash_of, load_configuration
 from amaze_autonomy.config.schemas.recording import Platform, Recording, TopicGroup
 from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.rules import ComponentRule, Limits, Rules, Severity
@@ -176,21 +176,3 @@ def test_the_hash_does_not_depend_on_the_process(small, seed):
         timeout=120,
     )
     assert ran.stdout.decode().strip() == load_configuration(small).hash
-
-
-def test_the_rules_can_be_made_again_from_the_effective_configuration(small):
-    overrides = ["autonomy.require_go=true", "autonomy.landing.land_limit_s=99.5"]
-    loaded = load_configuration(small, overrides)
-    assert rules_of_effective(json.loads(json.dumps(loaded.effective))) == loaded.rules
-
-
-def test_an_effective_configuration_is_checked_like_a_file(small):
-    effective = json.loads(json.dumps(load_configuration(small).effective))
-    effective["autonomy"]["landing"]["land_limit_s"] = -1.0
-    with pytest.raises(ConfigError) as caught:
-        rules_of_effective(effective)
-    assert str(caught.value) == (
-        "effective configuration: landing.land_limit_s: is -1.0; must be a number above 0 and at most 3600, in seconds"
-    )
-    with pytest.raises(ConfigError, match=r"^effective configuration: autonomy: is missing; must be a group of keys$"):
-        rules_of_effective({})

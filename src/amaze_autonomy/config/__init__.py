@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from .errors import ConfigError, Place
-from .loader import FILES, Overrides, hash_of, load_configuration, rules_of_effective
+from .loader import FILES, Overrides, hash_of, load_configuration
 from .model import Configuration
 from .schemas.autonomy import Streams
 from .schemas.autopilot import AutopilotSettings, LinkSettings
@@ -28,5 +28,4 @@ __all__ = [
     "TopicGroup",
     "hash_of",
     "load_configuration",
-    "rules_of_effective",
 ]

@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Mapping, Sequence, Tuple, Union
 
-from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.missions import Bounds, Controller, FlightModel, PlannerSpec
 from amaze_autonomy.monitoring.specs import BatterySpec
 
@@ -77,33 +76,10 @@ def load_configuration(folder: Union[str, Path], overrides: Overrides = ()) -> C
     return _configuration(folder, values, places, files)
 
 
-def rules_of_effective(effective: Mapping[str, Any]) -> Rules:
-    """Return the engine's rules of an effective configuration, e.g. from the header of a journal.
-
-    Raises:
-        ConfigError: it is not one.
-    """
-    place = Place("effective configuration")
-    for name in ("autonomy", "sensors"):
-        if not isinstance(effective.get(name), Mapping):
-            raise ConfigError(place, name, "is missing", "must be a group of keys")
-    trees = {name: entry_of(_given(effective[name]), place) for name in ("autonomy", "sensors")}
-    values, places = _read_all(trees)
-    _check(values, places)
-    return rules_of(values["autonomy"], values["sensors"])
-
-
 def hash_of(effective: Mapping[str, Any]) -> str:
     """Return the SHA-256 of plain values as canonical JSON: the same on every machine and Python."""
     text = json.dumps(effective, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return hashlib.sha256(text.encode("ascii")).hexdigest()
-
-
-def _given(value: Any) -> Any:
-    """Return plain values without the keys that were left out, which an effective configuration has as None."""
-    if isinstance(value, Mapping):
-        return {name: _given(item) for name, item in value.items() if item is not None}
-    return value
 
 
 def _names() -> Sequence[str]:
@@ -122,20 +98,17 @@ def _read_all(trees: Mapping[str, Entry]) -> _Read:
 def _check(values: Mapping[str, Any], places: Mapping[str, Places]) -> None:
     check_order(values["autonomy"], places["autonomy"])
     check_components(values["sensors"]["components"], places["sensors"])
-    check_restarted_nodes(values["sensors"]["components"], values.get("autopilot"), places["sensors"])
+    check_restarted_nodes(values["sensors"]["components"], values["autopilot"], places["sensors"])
     check_autonomy_with_sensors(values["autonomy"], values["sensors"], places["sensors"])
-    if "missions" in values:
-        check_heights(values["autonomy"], values["missions"], places["missions"])
-        check_takeoff(values["autonomy"], values["missions"], places["missions"])
-        check_planner(values["autonomy"], values["missions"], places["missions"])
-        check_required(values["sensors"], values["missions"], places["missions"])
-        check_initialisation(values["autonomy"], values["sensors"], places["sensors"])
-    if "autopilot" in values:
-        check_replies(values["autonomy"], values["autopilot"], places["autopilot"])
-    if "recording" in values:
-        check_recording(values["recording"], places["recording"])
-        check_recorder_limits(values["autonomy"], values["recording"], places)
-        check_platform_limit(values["autonomy"], values["recording"], places["recording"])
+    check_heights(values["autonomy"], values["missions"], places["missions"])
+    check_takeoff(values["autonomy"], values["missions"], places["missions"])
+    check_planner(values["autonomy"], values["missions"], places["missions"])
+    check_required(values["sensors"], values["missions"], places["missions"])
+    check_initialisation(values["autonomy"], values["sensors"], places["sensors"])
+    check_replies(values["autonomy"], values["autopilot"], places["autopilot"])
+    check_recording(values["recording"], places["recording"])
+    check_recorder_limits(values["autonomy"], values["recording"], places)
+    check_platform_limit(values["autonomy"], values["recording"], places["recording"])
 
 
 def _configuration(

@@ -1,4 +1,4 @@
-"""The simulated PX4 on UDP sockets, with the computer's clock: a server, a relay that loses packets, and a command."""
+"""The simulated PX4 on UDP sockets, with the computer's clock: a server, and a command."""
 
 from __future__ import annotations
 
@@ -30,8 +30,6 @@ from amaze_autonomy.simulation.px4.pairing import fly_world
 from amaze_autonomy.simulation.scenario import Scenario
 from amaze_autonomy.simulation.scenario_file import load_scenario
 from amaze_autonomy.simulation.world import World
-
-from .px4.links import BadLine, Quality
 
 # --- the server -------------------------------------------------------------------------------------------------------
 # ``udpin:HOST:PORT`` waits there; everyone who speaks to it becomes a connection of its own. When there are too many,
@@ -241,91 +239,6 @@ def _endpoint(address: str) -> Endpoint:
     if endpoint.kind not in (EndpointKind.UDP_IN, EndpointKind.UDP_OUT):
         raise VehicleAddressError(address, "must be udpin:HOST:PORT or udpout:HOST:PORT")
     return endpoint
-
-
-# --- a bad radio link -------------------------------------------------------------------------------------------------
-
-
-_RELAY_SLICE_S = 0.005
-
-
-class BadRelay:
-    """Relays datagrams between one client and one server, both ways, on a thread of its own.
-
-    The client speaks to `port` of this relay on loopback. Times of the cuts count from `start`.
-
-    Args:
-        server: where the datagrams of the client go.
-        quality: of both directions.
-        seed: of loss and jitter.
-    """
-
-    def __init__(self, server: Tuple[str, int], quality: Quality, seed: int = 0) -> None:
-        self._server = server
-        self._client: Optional[Tuple[str, int]] = None
-        self._up, self._down = BadLine(quality, 2 * seed), BadLine(quality, 2 * seed + 1)
-        self._near, self._far = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
-        self._near.bind(("127.0.0.1", 0))
-        self._far.bind(("127.0.0.1", 0))
-        for each in (self._near, self._far):
-            each.setblocking(False)
-        self._begin_ns = 0
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="bad relay", daemon=True)
-
-    @property
-    def port(self) -> int:
-        """Port at which the client finds the server."""
-        return int(self._near.getsockname()[1])
-
-    @property
-    def lost(self) -> int:
-        """How many datagrams were lost."""
-        return self._up.lost + self._down.lost
-
-    def start(self) -> None:
-        """Relay from now on."""
-        self._begin_ns = time.monotonic_ns()
-        self._thread.start()
-
-    def cut(self, after_ns: int, lasts_ns: int) -> None:
-        """Let nothing through in either direction, some time from now on."""
-        begin_ns = time.monotonic_ns() - self._begin_ns + after_ns
-        for line in (self._up, self._down):
-            line.cut(begin_ns, begin_ns + lasts_ns)
-
-    def stop(self) -> None:
-        """Stop, and close the sockets."""
-        self._stopped.set()
-        if self._thread.is_alive():
-            self._thread.join(5.0)
-        self._near.close()
-        self._far.close()
-
-    def _run(self) -> None:
-        while not self._stopped.is_set():
-            readable, _, _ = select.select([self._near, self._far], [], [], _RELAY_SLICE_S)
-            t_ns = time.monotonic_ns() - self._begin_ns
-            for port in readable:
-                self._take(t_ns, port)
-            for data in self._up.due(t_ns):
-                self._pass_on(self._far, data, self._server)
-            for data in self._down.due(t_ns):
-                self._pass_on(self._near, data, self._client)
-
-    def _take(self, t_ns: int, port: socket.socket) -> None:
-        with contextlib.suppress(OSError):  # nothing more is there, or the other end is gone
-            while True:
-                data, place = port.recvfrom(_BYTES)
-                if port is self._near:
-                    self._client = place
-                (self._up if port is self._near else self._down).send(t_ns, data)
-
-    @staticmethod
-    def _pass_on(port: socket.socket, data: bytes, place: Optional[Tuple[str, int]]) -> None:
-        if place is not None:
-            with contextlib.suppress(OSError):
-                port.sendto(data, place)
 
 
 # --- the command ------------------------------------------------------------------------------------------------------

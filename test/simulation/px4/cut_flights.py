@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Deque, List, NamedTuple, Optional
 
-from soak import MS, Quality, S, Soak, _plans
+from bad_line import Quality
+from soak import MS, S, Soak, _plans
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest

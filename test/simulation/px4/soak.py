@@ -11,6 +11,8 @@ import random
 from collections import Counter
 from typing import Dict, List, NamedTuple, Tuple
 
+from bad_line import BadLine, Quality
+
 from amaze_autonomy.autopilot.link.connection import heartbeat
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
@@ -30,7 +32,7 @@ from amaze_autonomy.missions import (
     estimate_rounds,
 )
 from amaze_autonomy.monitoring.preflight_specs import BatterySpec
-from amaze_autonomy.simulation.px4 import BadLine, Craft, Framing, Px4, Quality
+from amaze_autonomy.simulation.px4 import Craft, Framing, Px4
 from amaze_autonomy.simulation.vehicle.flight import VehicleSettings
 from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from soak import MS, Quality, Soak
+from bad_line import Quality
+from soak import MS, Soak
 
 pytestmark = pytest.mark.long
 

@@ -6,6 +6,7 @@ import time
 from collections import Counter
 
 import pytest
+from bad_line import BadRelay, Quality
 from px4_tools import QUICK
 from soak import MS, S
 from udp_tools import served
@@ -17,8 +18,6 @@ from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import Mission, MissionPhase
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, MissionPlan, PlannerSpec, Trajectory, Waypoint, estimate_rounds
-from amaze_autonomy.simulation.px4 import Quality
-from amaze_autonomy.simulation.px4_udp import BadRelay
 
 pytestmark = pytest.mark.live
 

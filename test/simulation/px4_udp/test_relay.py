@@ -5,10 +5,8 @@ from __future__ import annotations
 import time
 
 import pytest
+from bad_line import BadLine, BadRelay, Quality
 from udp_tools import Client, served
-
-from amaze_autonomy.simulation.px4 import BadLine, Quality
-from amaze_autonomy.simulation.px4_udp import BadRelay
 
 pytestmark = pytest.mark.live
 

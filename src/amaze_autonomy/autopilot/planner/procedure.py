@@ -352,11 +352,6 @@ class Procedure:
         self._since_ns += duration_ns
         self._woken_ns += duration_ns
 
-    def cease(self, reason: str) -> None:
-        """End it: somebody else lands."""
-        if self.running:
-            self._end(Progress.TAKEN, reason)
-
     def fail(self, reason: str) -> None:
         """End it: it cannot be done."""
         if self.running:

@@ -436,11 +436,6 @@ class SystemStatus:
         """Return the verdict of the pre-arm checks; PX4 has their bit in `health` only."""
         return bool(self._health & PREARM) if self.fresh(t_ns) else None
 
-    @property
-    def tells_prearm(self) -> bool:
-        """Whether the autopilot says that it has pre-arm checks (ArduPilot does, PX4 does not)."""
-        return bool(self._present & PREARM)
-
 
 _SATELLITES_UNKNOWN = 255
 _FIXES: Mapping[int, str] = {

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from ..errors import VehicleAddressError
 from .craft import Craft, SetPoint
-from .links import BadLine, Quality
 from .px4 import Px4
 from .settings import Geography, Place, Px4Settings
 from .wire import DESCEND, OFFBOARD, Framing
@@ -15,14 +14,12 @@ from .wire import DESCEND, OFFBOARD, Framing
 __all__ = [
     "DESCEND",
     "OFFBOARD",
-    "BadLine",
     "Craft",
     "Framing",
     "Geography",
     "Place",
     "Px4",
     "Px4Settings",
-    "Quality",
     "SetPoint",
     "VehicleAddressError",
 ]
