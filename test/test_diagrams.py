@@ -8,8 +8,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from amaze_autonomy.diagrams import BACK, PICTURES, architecture, state_diagram, ways
-from amaze_autonomy.documents import drawn
+from amaze_autonomy.documents import BACK, PICTURES, architecture, drawn, state_diagram, ways
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.engine.transitions import TRANSITIONS, places_of
 from amaze_autonomy.interface import PEERS, SERVICES, STATUSES

@@ -11,8 +11,8 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from amaze_autonomy.nodes.watchdog import restarter
-from amaze_autonomy.nodes.watchdog.restarter import Outcome, run_command
+from amaze_autonomy.nodes.watchdog import node
+from amaze_autonomy.nodes.watchdog.node import Outcome, run_command
 
 
 def python(code):
@@ -90,7 +90,7 @@ def test_what_a_daemon_that_it_leaves_behind_says_is_read(tmp_path, monkeypatch)
 
 def test_a_daemon_that_it_leaves_behind_goes_on_when_the_watchdog_has_ended(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code = "import sys; from amaze_autonomy.nodes.watchdog.restarter import run_command; run_command(sys.argv[1:], 15)"
+    code = "import sys; from amaze_autonomy.nodes.watchdog.node import run_command; run_command(sys.argv[1:], 15)"
     subprocess.run([*python(code), *python(DAEMON)], check=True, timeout=60)
     go_on(tmp_path)
 
@@ -107,16 +107,16 @@ def go_on(folder):
 def test_who_read_a_daemon_that_has_ended_is_no_zombie_for_ever(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run_command(python(DAEMON), 15.0)
-    reader = restarter._READERS[-1]
+    reader = node._READERS[-1]
     go_on(tmp_path)
     assert reader.wait(30.0) == 0
     run_command(["/bin/sh", "-c", "sleep 0.5 &"], 10.0)
-    assert reader not in restarter._READERS
+    assert reader not in node._READERS
 
 
 def test_a_daemon_that_nobody_can_read_is_told(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(restarter, "_READER", ("/no/such/program",))
+    monkeypatch.setattr(node, "_READER", ("/no/such/program",))
     told = "begun; what it left running may end with its next output: nobody reads it"
     assert run_command(python(DAEMON), 15.0) == Outcome(good=True, message=told)
     (tmp_path / "go").touch()

@@ -17,7 +17,7 @@ from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, RestartSpec, TopicSpec
 from amaze_autonomy.monitoring.watchdog import Watchdog
-from amaze_autonomy.nodes.watchdog import node, restarter
+from amaze_autonomy.nodes.watchdog import node
 from amaze_autonomy.nodes.watchdog.watch_loop import TakeoffDesk, TakeoffRequest, TopicWatch, WatchLoop
 
 MS = 1_000_000
@@ -231,7 +231,7 @@ def test_a_node_that_the_vehicle_needs_is_not_ended_whoever_asks(node_name):
         ComponentSpec("camera", node=node_name, restart=RestartSpec(RestartPolicy.NODE)),
         ComponentSpec("imu", "px4", node="/px4/driver"),
     )
-    begun = restarter.Restarter(specs, {}, lambda *_: pytest.fail("it was carried out"), link="/mavros")
+    begun = node.Restarter(specs, {}, lambda *_: pytest.fail("it was carried out"), link="/mavros")
     request = RestartRequest("camera", 1, RestartPolicy.NODE, node_name, (), 30_000 * MS)
     with pytest.raises(RestartRefusedError, match=f"^camera is not restarted: {node_name} is .* uncontrollable$"):
         begun.begin(request)
@@ -241,7 +241,7 @@ def test_a_node_that_the_vehicle_needs_is_not_ended_whoever_asks(node_name):
 def test_a_restart_begins_where_no_thread_can_be_had(monkeypatch):
     spec = SimpleNamespace(name="lrf", group="sensors", restart=SimpleNamespace(policy=RestartPolicy.COMMAND))
     told = SimpleQueue()
-    begun = restarter.Restarter((spec,), {}, lambda request, good: told.put((request, good)))
+    begun = node.Restarter((spec,), {}, lambda request, good: told.put((request, good)))
 
     def start(_thread):
         raise RuntimeError("can't start new thread")

@@ -1,8 +1,8 @@
 """The simulated world: one vehicle, its sensors, and the engine's peers.
 
 Pure: no ROS, no clock, no threads; only `scenario_file.py` and `cli.py` touch files. `world.py` puts `vehicle/`,
-`sensors.py` and `peers/` together, `scenario.py`, `faults.py` and `effects.py` are what goes wrong; `px4/` and
-`ardupilot/` are the vehicle as it is met over MAVLink.
+`sensors.py` and `peers/` together, `scenario.py` and `faults.py` are what goes wrong; `px4/` and `ardupilot/` are the
+vehicle as it is met over MAVLink.
 
 Samples, processes, replies, armed, landed, height and battery are the source. Conditions, codes and verdicts follow
 from them by the very code of `monitoring/`, and faults act on the source. The same seed, scenario and commands give the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaze_autonomy.console.screen.band import banner
+from amaze_autonomy.console.screen.view import banner
 from amaze_autonomy.engine.state import State
 
 BLOCKS = " .'#"
