@@ -10,7 +10,7 @@ from random import Random
 import pytest
 from autopilot_tools import beat
 from client_bench import ClientBench
-from flying import ARDUPILOT, ARM, MS, PX4, SET_MODE, Recorded, S
+from flying import ARDUPILOT, ARM, MS, PX4, SET_MODE, Recorded, S, plan
 from px4_tools import POSCTL, RTL
 from vehicle_lies import CRITICAL, Liar
 
@@ -22,7 +22,7 @@ from amaze_autonomy.autopilot.vehicle.modes import Control, Heartbeat
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
-from amaze_autonomy.missions import PlannerSpec
+from amaze_autonomy.missions import Controller, PlannerSpec, Trajectory, Waypoint
 from amaze_autonomy.monitoring.specs import BatterySpec
 from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 from amaze_autonomy.simulation.px4 import Px4Settings
@@ -973,3 +973,55 @@ def test_where_it_comes_to_rest_is_what_counts_not_where_it_was_told_to_hold():
     end()
     assert found.craft.position_m[0] - told_m[0] > 5.0
     assert (found.status.message, found.command(A.RESUME)) == ("", "")
+
+
+@EACH
+def test_moved_while_a_resume_waits_for_its_reading_it_does_not_go_on_from_the_new_place(kind):
+    """Somebody sends it away just before the RESUME: too late to be noticed when that is admitted."""
+    found = Recorded(kind=kind)
+    take = found.planner.watch.take
+
+    def without_id(t_ns, message, **how):
+        if message.get_type() == "MISSION_CURRENT":
+            message.mission_id = 0
+        take(t_ns, message, **how)
+
+    found.planner.watch.take = without_id
+    found.take_off("line")
+    found.until(lambda: found.craft.position_m[0] > 2.0)
+    assert found.command(A.HOLD) == ""
+    found.until_phase(P.HOLDING)
+    found.run(8 * S)
+    again, end = without(found, "MISSION_COUNT"), goes_to(found, (-20.0, -15.0, 2.0))
+    found.run(S)
+    told_ns = found.t_ns
+    assert found.command(A.RESUME) == ""
+    found.until(lambda: found.status.message == MOVED, 2 * S)
+    again()
+    found.run(6 * S)
+    end()
+    assert (found.phase, found.status.message, found.command(A.RESUME)) == (P.HOLDING, MOVED, MOVED)
+    assert found.since(told_ns) == []
+
+
+@pytest.mark.parametrize("beat_ms", [0, 400, 700])
+@pytest.mark.parametrize("wait_ms", [100, 1500, 1800])
+def test_a_hold_soon_after_a_resume_is_another_hold_where_heartbeats_alone_tell_the_mode(wait_ms, beat_ms):
+    """A PX4 beats once a second: one heartbeat, or none, has told that it flew on."""
+    far = Trajectory("far.csv", (Waypoint(0.0, 0.0, 2.0, 0.0, 0.5), Waypoint(200.0, 0.0, 2.0, 0.0, 0.5)))
+    found = Recorded(plans=(plan("far", (far,), Controller.MISSION),))
+    found.take_off("far")
+    found.until(lambda: found.craft.position_m[0] > 5.0)
+    without(found, "CURRENT_MODE")
+    for _ in range(2):
+        assert found.command(A.HOLD) == ""
+        found.until_phase(P.HOLDING)
+        found.run(6 * S + beat_ms * MS)
+        assert (found.status.message, found.command(A.RESUME)) == ("", "")
+        found.run(wait_ms * MS)
+    assert found.command(A.HOLD) == ""
+    found.run(6 * S)
+    end = goes_to(found, (-20.0, -15.0, 2.0))
+    found.until(lambda: found.status.message == MOVED, 20 * S)
+    end()
+    assert found.command(A.RESUME) == MOVED

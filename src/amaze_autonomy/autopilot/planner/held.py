@@ -114,14 +114,21 @@ class HeldPlace:
         self._place: Optional[Tuple[float, float, float]] = None
         self._slow, self._far = Agreement(), Agreement()
         self._said_ns = 0
+        self._left_ns = -1
 
     @property
     def words(self) -> str:
         """What somebody else has done, in words; empty: nothing."""
         return MOVED if self.moved else ""
 
+    def leave(self, t_ns: int) -> None:
+        """Take that the vehicle is told to go on: where it was counts no more, and no mode that it has told so far."""
+        self._place, self._slow, self._left_ns = None, Agreement(), t_ns
+
     def look(self, pose: Optional[Pose]) -> None:
         """Look at a position that is fresh, while the vehicle is not told to go on; None: there is none."""
+        if (self._watch.mode_ns or 0) <= self._left_ns:
+            return
         if self._watch.mode != HOLD:
             if self._watch.keeps_mode:  # the next hold is another one
                 self._place, self._slow = None, Agreement()

@@ -309,6 +309,7 @@ class Procedure:
         self.longest_pause_ns = 0  # for which this process stood still
         self._sent_ns: float = -math.inf
         self._first_ns: float = math.inf
+        self.changes_mode = False  # a change of mode was sent
         self._others = Agreement()  # on somebody else who has chosen what the vehicle does
         self._forget_result()
 
@@ -436,9 +437,10 @@ class Procedure:
     def _send(self, t_ns: int) -> List[Message]:
         if t_ns - self._sent_ns < self._spec.command_retry_ns:
             return []
-        message = self._steps[self._number].message(self._means)
+        step = self._steps[self._number]
+        message = step.message(self._means)
         self._first_ns = min(self._first_ns, t_ns)
         if message is None:
             return []
-        self._sent_ns = t_ns
+        self._sent_ns, self.changes_mode = t_ns, self.changes_mode or step.command == _SET_MODE
         return [message]

@@ -427,8 +427,11 @@ class Sequencer:
         elif self._phase is _P.LANDING:
             self._phase = _P.FLYING
         lands = f"somebody else lands the vehicle (mode {watch.mode})" if others else ""
-        if not (self._doing(_A.RESUME) and procedure is not None and procedure.running):
+        resume = procedure if procedure is not None and procedure.running and self._doing(_A.RESUME) else None
+        if resume is None or not resume.changes_mode:
             flight.look_at_the_hold(self._pose(t_ns))
+        if resume is not None and flight.held_place.moved:
+            resume.fail(flight.held_place.words)
         others_fly = lands or flight.hands_off() or flight.steered_by_others or flight.held_place.words
         self._message = others_fly or (procedure.reason if procedure else "") or flight.failure or self._why_landed
 
@@ -491,8 +494,7 @@ class Sequencer:
         commands = self._knows_the_vehicle and not flight.steered_by_others
         sends = self._attention.lands(t_ns, self.watch.mode_ns) if lands else commands
         sent = procedure.wake(t_ns, sends=sends)
-        if sent and procedure.action not in _LANDINGS:
-            self._commanded_ns = t_ns
+        self._note(t_ns, procedure, sent)
         if procedure.action is _A.TAKEOFF and procedure.progress is Progress.FAILED:
             sent += self._cancel(t_ns, procedure.reason)
         elif procedure.action is _A.TAKEOFF and procedure.progress is Progress.TAKEN and not self._flight.airborne:
@@ -504,6 +506,13 @@ class Sequencer:
         elif procedure.reason:
             self._message = self._flight.hands_off() or procedure.reason
         return sent
+
+    def _note(self, t_ns: int, procedure: Procedure, sent: Sequence[Message]) -> None:
+        """Take notice of what was sent: what is no landing may take effect late, a RESUME ends the hold."""
+        if sent and procedure.action not in _LANDINGS:
+            self._commanded_ns = t_ns
+        if procedure.action is _A.RESUME and procedure.changes_mode:
+            self._flight.held_place.leave(t_ns)
 
     def _verify(self) -> None:
         """Look whether the mission on the vehicle is still the one that was sent."""
