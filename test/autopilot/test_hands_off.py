@@ -5,7 +5,9 @@ And the other way round: a flag alone is no reason to leave a vehicle in our mod
 
 from __future__ import annotations
 
+from importlib import import_module
 from random import Random
+from types import SimpleNamespace
 
 import pytest
 from autopilot_tools import beat
@@ -1025,3 +1027,79 @@ def test_a_hold_soon_after_a_resume_is_another_hold_where_heartbeats_alone_tell_
     found.until(lambda: found.status.message == MOVED, 20 * S)
     end()
     assert found.command(A.RESUME) == MOVED
+
+
+# --- told to end ------------------------------------------------------------------------------------------------------
+
+
+def given_up(kind):
+    """Return a flight by set-points whose landing was given up, since its mode is not heard; what has it heard again.
+
+    A PX4 stays in OFFBOARD without set-points as well, as an ArduPilot.
+    """
+    found = Recorded(kind=kind, settings=Px4Settings(parameters={"COM_OF_LOSS_T": 60.0}))
+    found.take_off("inside")
+    found.until(lambda: found.craft.position_m[0] > 2.0)
+    again = mute(found)
+    blind = without(found, "LOCAL_POSITION_NED")
+    found.until(lambda: found.phase is P.FAILED, 12 * S)
+
+    def all_again():
+        blind()
+        again()
+
+    return found, all_again
+
+
+@EACH
+def test_told_to_end_with_a_landing_given_up_that_is_wanted_still_it_waits_and_says_that_none_was_commanded(kind):
+    found, _ = given_up(kind)
+    told_ns = found.t_ns
+    assert found.planner.shutdown(found.t_ns) == (True, [])
+    found.run(3 * S)  # exit_limit_s
+    assert (found.since(told_ns), found.planner.landing_waits, found.planner.landing_shown) == ([], True, False)
+    assert found.planner.landing_taken == "no landing was commanded: its flight mode is not known"
+
+
+@EACH
+def test_told_to_end_with_a_landing_given_up_it_lands_once_its_mode_is_heard_and_is_ours(kind):
+    found, again = given_up(kind)
+    assert found.planner.shutdown(found.t_ns) == (True, [])
+    again()
+    found.until(lambda: not found.planner.landing_waits, 1500 * MS)
+    assert (found.planner.landing_shown, found.planner.landing_taken) == (False, "")
+    found.until(lambda: found.planner.landing_shown, 3 * S)
+    assert (found.craft.mode, found.planner.landing_taken) == (LAND, "")
+
+
+@EACH
+def test_told_to_end_with_a_landing_given_up_it_commands_nothing_where_a_pilot_flies_by_then(kind):
+    found, again = given_up(kind)
+    assert found.planner.shutdown(found.t_ns) == (True, [])
+    told_ns = found.t_ns
+    found.craft.pilot_takes_over("POSCTL", 600 * S)
+    again()
+    found.until(lambda: found.planner.landing_shown, 4 * S)
+    assert (found.since(told_ns), found.craft.mode) == ([], "POSCTL")
+    assert "POSCTL" in found.planner.landing_taken
+
+
+def test_what_the_node_says_at_its_end_is_what_became_of_the_landing_that_was_given_up(capsys):
+    pytest.importorskip("rospy")
+    module = import_module("amaze_autonomy.nodes.vehicle.mission_planner_node")
+    found, _ = given_up(PX4)
+
+    def wait_for(condition, limit_s):
+        found.until(condition, round(limit_s * S), must=False)
+        return condition()
+
+    def ask(question):
+        answer, messages = question(found.t_ns)
+        found.channel.ours(messages)
+        return answer
+
+    node = module.MissionPlannerNode.__new__(module.MissionPlannerNode)
+    node.planner, node._exit_s, node._link = found.planner, 3.0, SimpleNamespace(ask=ask, wait_for=wait_for)
+    node._leave()
+    said = "mission_planner: ended in flight: no landing was commanded: its flight mode is not known\n"
+    assert capsys.readouterr().out == said

@@ -348,9 +348,13 @@ class Sequencer:
             self._means.stream_ns = t_ns
 
     def shutdown(self, t_ns: int) -> Tuple[bool, Sequence[Message]]:
-        """Land before the process ends, unless it is on the ground, or somebody else flies; return whether it lands."""
+        """Land before the process ends, unless it is on the ground, or somebody else flies; return whether it lands.
+
+        Where it has failed, and lands as soon as the flight mode is heard, it is in flight still.
+        """
         self._look(t_ns)
-        if self._phase not in IN_FLIGHT or self._is_down(t_ns) or (self.watch.armed and self.watch.others_fly):
+        flies = self._phase in IN_FLIGHT or (self._phase is _P.FAILED and bool(self._unasked.why))
+        if not flies or self._is_down(t_ns) or (self.watch.armed and self.watch.others_fly):
             return False, ()
         self._unasked.want(t_ns, ENDS)
         return True, self._land_unasked(t_ns)
@@ -358,8 +362,9 @@ class Sequencer:
     @property
     def landing_shown(self) -> bool:
         """True once the vehicle lands, has landed, or is somebody else's: messages agree on it."""
-        ended = self._procedure is not None and not self._procedure.running and self._doing(*_LANDINGS)
-        return self._phase not in IN_FLIGHT or ended or self._unasked.left
+        running, lands = self._procedure is not None and self._procedure.running, self._doing(*_LANDINGS)
+        over = self._phase not in IN_FLIGHT and not self._unasked.why and not (lands and running)
+        return over or (lands and not running) or self._unasked.left
 
     @property
     def landing_waits(self) -> bool:
