@@ -8,6 +8,7 @@ import pytest
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.mavros.requests import MavrosMission
+from amaze_autonomy.autopilot.planner.held import HeldMission
 from amaze_autonomy.autopilot.planner.mission_upload import Dialect, MissionItem, MissionUpload, UploadPhase
 
 S = 1_000_000_000
@@ -177,3 +178,61 @@ def test_where_the_vehicle_is_in_its_mission_comes_with_the_list():
     (message,) = MavrosMission().listed(Said(current_seq=2, waypoints=[]))
     assert (message.get_type(), message.seq) == ("MISSION_CURRENT", 2)
     assert MavrosMission().take(mavlink.MAVLink_timesync_message(0, 1)) is None
+
+
+def held_mission():
+    """Return a mission that is held, and a mavros that is asked for it: it has been read once, and is ours."""
+    loaded = begin()
+    while not loaded.upload.over:
+        loaded.serve()
+
+    def reads(t_ns):
+        return loaded.upload.verification(t_ns, 8 * S, sets_current=False)
+
+    held = HeldMission(reads, 3 * S, 0)
+    held.start = held.wake
+    mavros = Mavros(held)
+    mavros.vehicle = loaded.vehicle
+    mavros.serve()
+    mavros.wait(3.0)
+    assert mavros.called == ["mission/pull"]
+    return held, mavros
+
+
+def test_a_pull_that_was_under_way_when_the_mission_is_to_go_on_does_not_answer_the_reading_that_begins_then():
+    held, mavros = held_mission()
+    assert [request.service for request in mavros.waiting] == ["mission/pull"]  # another reading of the hold
+    held.resume(mavros.t_ns)
+    mavros.wait(0.1)
+    mavros.serve()
+    assert (held.over, held.may_go_on(mavros.t_ns), mavros.waiting) == (False, False, [])
+    mavros.vehicle[2].z_alt = 9.0  # while that pull was on its way
+    for _ in range(2):
+        assert not held.difference
+        mavros.wait(0.5)
+        mavros.serve()
+    assert (held.over, held.difference) == (False, "item 2 came back with z 9 instead of 4")
+
+
+def test_after_a_pull_that_counts_no_more_the_mission_is_pulled_anew_and_goes_on():
+    held, mavros = held_mission()
+    held.resume(mavros.t_ns)
+    mavros.wait(0.1)
+    mavros.serve(works=False)
+    mavros.wait(0.5)
+    mavros.serve()
+    assert (held.over, held.may_go_on(mavros.t_ns)) == (True, True)
+    assert mavros.called == ["mission/pull"] * 3
+
+
+def test_a_slow_pull_of_one_reading_is_waited_for():
+    """It is asked for again and again meanwhile."""
+    held, mavros = held_mission()
+    mavros.serve()
+    mavros.wait(0.1)
+    held.resume(mavros.t_ns)
+    for _ in range(5):
+        mavros.wait(0.5)
+    assert [request.service for request in mavros.waiting] == ["mission/pull"]
+    mavros.serve()
+    assert held.over

@@ -152,11 +152,13 @@ def publication_of(message: Message) -> Optional[Publication]:
 #
 # `MissionUpload` speaks to it as to a vehicle. Items are asked for at once and pushed together; reading back is a
 # pull, which makes mavros read the vehicle's own mission again, and the list that it publishes then. While a push or
-# a pull is under way nothing is answered: whoever asks, asks again. mavros leaves the items as they are: ArduPilot's
-# item 0, home, is pushed and pulled with the others.
+# a pull is under way nothing is answered: whoever asks, asks again. A pull that is given up answers nobody: what it
+# brings may be from before the next one asks. mavros leaves the items as they are: ArduPilot's item 0, home, is pushed
+# and pulled with the others.
 #
 #     MISSION_COUNT, MISSION_ITEM_INT   ->  mission/push         ->  MISSION_ACK
 #     MISSION_REQUEST_LIST              ->  mission/pull         ->  MISSION_COUNT, when mission/waypoints has come
+#     MISSION_ACK that cancels          ->  the answer of the mission/pull that is under way counts no more
 #     MISSION_REQUEST_INT               <-  mission/waypoints
 #     MISSION_SET_CURRENT               ->  mission/set_current
 #     mission/waypoints                 ->  MISSION_CURRENT
@@ -181,6 +183,7 @@ class MavrosMission:
         self._items: Dict[int, Message] = {}
         self._count = 0
         self._busy = ""
+        self._stale = False  # who asked for the pull that is under way has given it up
         self._listed: Optional[Tuple[Any, ...]] = None
         self._pulled: Optional[int] = None
 
@@ -197,6 +200,8 @@ class MavrosMission:
             return [_ack(mavlink.MAV_MISSION_ACCEPTED if good else mavlink.MAV_MISSION_ERROR)]
         if request.service == _PULL:
             self._busy = ""
+            if self._stale:
+                return []
             self._pulled = answer.wp_received if answer is not None and answer.success else None
             return self._count_of_pull() if self._pulled is not None else [_ack(mavlink.MAV_MISSION_ERROR)]
         return []
@@ -238,7 +243,7 @@ class MavrosMission:
         return self._call(Request(_PULL, {}, 0, Lane.MISSION))
 
     def _call(self, request: Request) -> Taken:
-        self._busy = request.service
+        self._busy, self._stale = request.service, False
         return Taken((), (request,))
 
     def _hand_out(self, message: Message) -> Taken:
@@ -250,8 +255,11 @@ class MavrosMission:
         fields = {"wp_seq": message.seq}
         return Taken((), (Request(_SET_CURRENT, fields, 0, Lane.MISSION),))
 
-    def _end(self, _: Message) -> Taken:
-        return Taken()  # mavros acknowledges by itself
+    def _end(self, message: Message) -> Taken:
+        """Take the end of a transfer, which mavros acknowledges by itself; one that is given up may be a pull's."""
+        cancelled = message.type == mavlink.MAV_MISSION_OPERATION_CANCELLED
+        self._stale = self._stale or (cancelled and self._busy == _PULL)
+        return Taken()
 
 
 _TAKES: Mapping[str, Callable[[MavrosMission, Message], Taken]] = {

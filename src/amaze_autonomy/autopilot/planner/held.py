@@ -40,6 +40,7 @@ class HeldMission:
     def __init__(self, begin: Callable[[int], MissionUpload], patience_ns: int, t_ns: int) -> None:
         self._begin, self._patience_ns = begin, patience_ns
         self._reading: Optional[MissionUpload] = None
+        self._given_up: List[Message] = []  # says that the reading before was given up: what answers it is old
         self._begun_ns = self._due_ns = t_ns
         self._agreed_ns: Optional[int] = None  # when the last one that agreed was begun
         self._resumed_ns: Optional[int] = None
@@ -54,8 +55,8 @@ class HeldMission:
     def resume(self, t_ns: int) -> None:
         """Take that the mission is to go on: it is read anew, except where none has agreed yet."""
         self._resumed_ns = self._due_ns = t_ns
-        if self._agreed_ns is not None:
-            self._reading = None
+        if self._agreed_ns is not None and self._reading is not None:
+            self._given_up, self._reading = self._reading.cancel(), None
 
     def may_go_on(self, t_ns: int) -> bool:
         """Return whether the mission is ours, as far as that is known in time."""
@@ -79,14 +80,15 @@ class HeldMission:
         return [] if reading is None else self._after(t_ns, reading, reading.receive(t_ns, message))
 
     def wake(self, t_ns: int) -> List[Message]:
-        """Look at the time."""
+        """Look at the time, where something may be sent."""
         reading = self._reading
         if reading is not None:
             return self._after(t_ns, reading, reading.wake(t_ns))
         if self.over or self.difference or t_ns < self._due_ns:
             return []
         self._reading, self._begun_ns = self._begin(t_ns), t_ns
-        return self._reading.start(t_ns)
+        given_up, self._given_up = self._given_up, []
+        return [*given_up, *self._reading.start(t_ns)]
 
     def _after(self, t_ns: int, reading: MissionUpload, sent: List[Message]) -> List[Message]:
         if not reading.over:

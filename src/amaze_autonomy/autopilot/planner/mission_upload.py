@@ -292,6 +292,11 @@ class MissionUpload:
         """Return the first message."""
         return self._send(t_ns)
 
+    def cancel(self) -> List[Message]:
+        """Return what tells the vehicle that it is given up, and that another transfer may begin."""
+        cancelled = mavlink.MAV_MISSION_OPERATION_CANCELLED
+        return [] if self.over else [mavlink.MAVLink_mission_ack_message(*self._target, cancelled)]
+
     def receive(self, t_ns: int, message: Message) -> List[Message]:
         """Take a message of the vehicle."""
         take = None if self.over else _TAKES.get((self.phase, message.get_type()))

@@ -558,7 +558,10 @@ class Sequencer:
         away = self._landing or self._phase not in (_P.TAKING_OFF, _P.FLYING, _P.HOLDING)
         if held is None or held.over or away or flight.hands_off():
             return []
-        sent = held.wake(t_ns) if message is None else held.receive(t_ns, message)
+        if message is not None:
+            sent = held.receive(t_ns, message)
+        else:
+            sent = held.wake(t_ns) if self._knows_the_vehicle else []
         self._means.verified = held.may_go_on(t_ns)
         if held.difference:
             flight.replaced, self._procedure = True, None
