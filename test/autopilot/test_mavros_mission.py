@@ -189,7 +189,7 @@ def held_mission():
     def reads(t_ns):
         return loaded.upload.verification(t_ns, 8 * S, sets_current=False)
 
-    held = HeldMission(reads, 3 * S, 0)
+    held = HeldMission(reads, 3 * S, 0, agreed_patience_ns=3 * S)
     held.start = held.wake
     mavros = Mavros(held)
     mavros.vehicle = loaded.vehicle

@@ -7,7 +7,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from flying import ARDUPILOT, BACK, LINE, MS, PLANS, PX4, Flying, S, plan, stand_still
+from flying import ARDUPILOT, BACK, LIMITS, LINE, MS, PLANS, PX4, Flying, S, plan, stand_still
 from mission_channel import good
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
@@ -1172,6 +1172,41 @@ def test_on_a_slow_way_a_resume_right_after_the_hold_ends_where_the_mission_coul
     flying.run(10 * S)
     assert flying.command(A.RESUME) == ""  # asked again, it does
     flying.until_phase(P.FLYING, limit_ns=6 * S)
+
+
+@pytest.mark.parametrize("beat_ms", [0, 300, 600, 900])
+def test_where_it_was_read_in_the_hold_a_resume_leaves_the_change_of_mode_two_heartbeats(beat_ms):
+    """Of a PX4 that tells its mode by its heartbeats alone, once a second, and those of 1.6 s are lost."""
+    flying = held(PX4, 8 * S + beat_ms * MS)
+    take, told_ns = flying.planner.receive, flying.t_ns
+    lost = ["CURRENT_MODE", "MISSION_COUNT"]
+    flying.planner.receive = lambda t_ns, message, **how: (
+        () if message.get_type() in lost else take(t_ns, message, **how)
+    )
+    assert flying.command(A.RESUME) == ""
+    flying.until(lambda: flying.craft.mode == "AUTO.MISSION", 5 * S)
+    assert flying.t_ns - told_ns >= 2200 * MS  # for so long the reading is waited for
+    lost.append("HEARTBEAT")
+    flying.run(1600 * MS)
+    lost.remove("HEARTBEAT")
+    flying.until_phase(P.FLYING, limit_ns=told_ns + LIMITS.resume_confirm_limit_ns - flying.t_ns)
+
+
+def test_where_none_was_read_in_the_hold_a_resume_waits_longer_for_the_first_reading():
+    flying = without_id(Flying())
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 2.0)
+    take, lost = flying.planner.receive, ["MISSION_COUNT"]
+    flying.planner.receive = lambda t_ns, message, **how: (
+        () if message.get_type() in lost else take(t_ns, message, **how)
+    )
+    assert flying.command(A.HOLD) == ""
+    flying.until_phase(P.HOLDING)
+    assert flying.command(A.RESUME) == ""
+    flying.run(2700 * MS)
+    assert (flying.craft.mode, flying.status.message) == ("AUTO.LOITER", "")
+    lost.clear()
+    flying.until(lambda: flying.craft.mode == "AUTO.MISSION", 800 * MS)
 
 
 def test_one_wrong_item_that_is_read_in_a_hold_is_not_believed():

@@ -33,12 +33,15 @@ class HeldMission:
 
     Args:
         begin: returns what reads the mission once; called with the time.
-        patience_ns: how long going on waits for the reading that begins then.
+        patience_ns: how long going on waits for a first reading that agrees.
         t_ns: now.
+        agreed_patience_ns: the same for the reading that begins then, where one in the hold has agreed.
     """
 
-    def __init__(self, begin: Callable[[int], MissionUpload], patience_ns: int, t_ns: int) -> None:
-        self._begin, self._patience_ns = begin, patience_ns
+    def __init__(
+        self, begin: Callable[[int], MissionUpload], patience_ns: int, t_ns: int, *, agreed_patience_ns: int
+    ) -> None:
+        self._begin, self._patience_ns, self._agreed_patience_ns = begin, patience_ns, agreed_patience_ns
         self._reading: Optional[MissionUpload] = None
         self._given_up: List[Message] = []  # says that the reading before was given up: what answers it is old
         self._begun_ns = self._due_ns = t_ns
@@ -62,7 +65,7 @@ class HeldMission:
         """Return whether the mission is ours, as far as that is known in time."""
         if self._resumed_ns is None or self._agreed_ns is None or self._others:
             return False
-        return self.over or t_ns - self._resumed_ns >= self._patience_ns
+        return self.over or t_ns - self._resumed_ns >= self._agreed_patience_ns
 
     def is_late(self, t_ns: int) -> bool:
         """Return whether it is not known in time."""

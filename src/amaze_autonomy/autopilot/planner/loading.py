@@ -30,7 +30,9 @@ _WAS_SILENT = "the vehicle was silent, and may have been started again"
 _ABOVE_M = 0.2  # of the height that is waited for: no vehicle hovers exactly
 #: so far below the height of a takeoff item it is done with: PX4 by NAV_MC_ALT_RAD, ArduPilot still climbing slowly
 _DONE_BELOW_M = {Dialect.PX4: 0.8, Dialect.ARDUPILOT: 0.3}
-_TO_GO_ON_NS = 1_500_000_000  # of the engine's patience with a resume: for the change of mode
+# of the engine's patience with a resume, for the change of mode: two heartbeats and a retry; where going on needs the
+# reading, that has more of it
+_TO_GO_ON_NS, _TO_GO_ON_UNREAD_NS = 2_800_000_000, 1_500_000_000
 _SAME_BOOT_NS = 5_000_000_000  # how far two readings of the same start may lie apart, of two processes
 
 
@@ -204,12 +206,13 @@ class Loading:
         upload, limit_ns = self._upload, self._readiness.spec.transfer_limit_ns
         if upload is None:
             return None
-        patience_ns = max(0, self._limits.resume_confirm_limit_ns - _TO_GO_ON_NS)
+        confirm_ns = self._limits.resume_confirm_limit_ns
+        patience_ns, agreed_ns = (max(0, confirm_ns - each) for each in (_TO_GO_ON_UNREAD_NS, _TO_GO_ON_NS))
 
         def begin(at_ns: int) -> MissionUpload:
             return upload.verification(at_ns, limit_ns, sets_current=False)
 
-        return HeldMission(begin, patience_ns, t_ns)
+        return HeldMission(begin, patience_ns, t_ns, agreed_patience_ns=agreed_ns)
 
     def start(self, t_ns: int) -> List[Message]:
         """Return the first messages."""
