@@ -8,8 +8,8 @@ pytest.importorskip("rospy")
 
 import rospy
 
-from amaze_autonomy.ros import seldom
-from amaze_autonomy.ros.seldom import logerr_seldom
+from amaze_autonomy.ros import rospy_flaws
+from amaze_autonomy.ros.rospy_flaws import logerr_seldom
 
 
 class Clock:
@@ -22,8 +22,8 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch):
     clock = Clock()
-    monkeypatch.setattr(seldom, "time", clock)
-    monkeypatch.setattr(seldom, "_said_s", {})
+    monkeypatch.setattr(rospy_flaws, "time", clock)
+    monkeypatch.setattr(rospy_flaws, "_said_s", {})
     return clock
 
 

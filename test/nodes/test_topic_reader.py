@@ -16,7 +16,7 @@ pytest.importorskip("rospy")
 import rospy
 from std_msgs.msg import String
 
-from amaze_autonomy.ros import seldom, topic_reader
+from amaze_autonomy.ros import rospy_flaws, topic_reader
 from amaze_autonomy.ros.topic_reader import ALL, STAMP_BYTES, Tally, TopicReader, TopicStream, message_look
 
 
@@ -158,7 +158,7 @@ def said(monkeypatch):
     """What is said of an error, in a process that has said nothing yet."""
     lines = []
     monkeypatch.setattr(rospy, "logerr", lines.append)
-    monkeypatch.setattr(seldom, "_said_s", {})
+    monkeypatch.setattr(rospy_flaws, "_said_s", {})
     return lines
 
 

@@ -19,6 +19,10 @@ others. The node has left the master then, so that nobody can reach it, and rosl
 Whoever logs may wait for ever: with each message rospy asks the master whether to add the names of the node's topics,
 forgets the answer where nobody has set that parameter, and has no limit. A master that hangs stopped every thread of
 every node that said a word: the journal, a planner in the middle of a flight. It is asked once, at the start.
+
+What goes wrong all the time is said of one subject only: the `log..._throttle` count by the line of code that calls
+them. Of two topics that are read by the same code and are both damaged, the one that is damaged more often would be the
+only one that is ever named. `logerr_seldom` counts by the subject.
 """
 
 from __future__ import annotations
@@ -35,7 +39,6 @@ import rospy.core
 from rospy.impl.tcpros_base import TCPROSServer, TCPServer
 
 from .asker import note_accepted
-from .seldom import logerr_seldom
 
 
 def mend_rospy() -> None:
@@ -113,6 +116,24 @@ def _serve(server: Any) -> None:
         except Exception as error:
             _complain("serve", f"a connection from {address} cannot be served", error)
             sock.close()
+
+
+_said_s: Dict[str, float] = {}
+
+
+def logerr_seldom(again_s: float, subject: str, words: str) -> None:
+    """Log an error, unless one of the same subject was logged lately; from any thread.
+
+    Args:
+        again_s: time in which it is not said again.
+        subject: what the words are about, e.g. a topic; one of few, since they are remembered.
+        words: the text.
+    """
+    now_s = time.monotonic()
+    last_s = _said_s.get(subject)
+    if last_s is None or now_s - last_s >= again_s:
+        _said_s[subject] = now_s
+        rospy.logerr(words)
 
 
 def _complain(subject: str, words: str, error: Exception) -> None:

@@ -26,7 +26,7 @@ from rospy.impl.registration import Registration
 from rospy.topics import _SubscriberImpl, get_topic_manager
 
 from .errors import StartError
-from .seldom import logerr_seldom
+from .rospy_flaws import logerr_seldom
 
 _log = logging.getLogger(__name__)
 

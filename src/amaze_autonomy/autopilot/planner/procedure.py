@@ -1,6 +1,6 @@
-"""What is sent for each command of a mission, and how the vehicle shows that it has done it: a table of steps.
+"""Whether a command of a mission is taken, what is sent for it, and how the vehicle shows that it has done it. Pure.
 
-`procedure.py` does them one after the other.
+Two tables: in which phases a command is taken, and its steps, which are done one after the other.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 from typing import Callable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.events import VehicleLanded
+from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
 from amaze_autonomy.missions import Controller, PlannerSpec
 
 from ..link.dialect import Message, mavlink
 from ..vehicle.agreement import Agreement
 from ..vehicle.modes import HOLD, LAND, LANDING_MODES, is_foreign
+from .loading import BEGINS_ANEW, NO_POSE
 from .mission_upload import Dialect, beginning
 from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, SILENT, VehicleWatch
 
@@ -444,3 +445,105 @@ class Procedure:
             return []
         self._sent_ns, self.changes_mode = t_ns, self.changes_mode or step.command == _SET_MODE
         return [message]
+
+
+# --- admission --------------------------------------------------------------------------------------------------------
+# LAND and ABORT are taken always, of a silent vehicle as well: only a pilot who is seen to fly is a reason against
+# them.
+
+
+#: phases in which a command is taken; any other refuses it. LAND and ABORT are taken always.
+_GOOD_IN: Mapping[MissionAction, Tuple[MissionPhase, ...]] = {
+    MissionAction.TAKEOFF: (MissionPhase.LOADED,),
+    MissionAction.HOLD: (MissionPhase.TAKING_OFF, MissionPhase.FLYING, MissionPhase.HOLDING),
+    MissionAction.RESUME: (MissionPhase.TAKING_OFF, MissionPhase.FLYING, MissionPhase.HOLDING),
+}
+_WORDS: Mapping[MissionAction, str] = {
+    MissionAction.TAKEOFF: "fly",
+    MissionAction.HOLD: "hold",
+    MissionAction.RESUME: "resume",
+}
+
+
+class Standing(NamedTuple):
+    """How it is when a command comes.
+
+    Args:
+        watch: the vehicle.
+        tells_mode: it has told its flight mode lately.
+        unknown: what nobody knows of it that must be known, in words; empty: nothing.
+        phase: of the planner.
+        session_id: that is loaded; None: none is.
+        lost: the local position is needed for a takeoff, and is not there.
+        landing: why the vehicle is landed, whatever else is asked for, in words; empty: it is not.
+        other: what the autopilot node commands; empty: nothing.
+        restarts: its mission would begin anew after a hold.
+        steered: who has chosen the mode that it flies in, as messages agree, in words; empty: this planner.
+        moved: who has moved it in its hold, in words; empty: nobody.
+        begun_anew: why its local frame is not the one of the origin any more, in words; empty: it is, or not needed.
+        misplaced: why the file is not taken off with as and where the vehicle stands, in words; empty: it is.
+    """
+
+    watch: VehicleWatch
+    tells_mode: bool
+    unknown: str
+    phase: MissionPhase
+    session_id: Optional[str]
+    lost: bool
+    landing: str = ""
+    other: str = ""
+    restarts: bool = False
+    steered: str = ""
+    moved: str = ""
+    begun_anew: str = ""
+    misplaced: str = ""
+
+
+def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
+    """Return why a command is refused; empty when it is taken."""
+    watch = standing.watch
+    if standing.tells_mode and watch.armed and watch.pilot:
+        return f"the pilot has control (mode {watch.mode})"
+    if standing.tells_mode and watch.armed and watch.may_be_pilot:
+        return f"a pilot may have control (mode {watch.mode}): whether a transmitter is heard is not known yet"
+    if action not in _GOOD_IN:
+        return ""
+    return _landed_or_silent(standing) or _out_of_place(standing, session_id, action) or _unfit(standing, action)
+
+
+def _landed_or_silent(standing: Standing) -> str:
+    if standing.unknown:
+        return standing.unknown
+    return f"{standing.landing}: it stands until the vehicle is disarmed" if standing.landing else ""
+
+
+def _out_of_place(standing: Standing, session_id: str, action: MissionAction) -> str:
+    if session_id != standing.session_id:
+        return f"session {session_id!r} is not the one that is loaded"
+    if standing.phase not in _GOOD_IN[action]:
+        return f"there is nothing to {_WORDS[action]} in phase {standing.phase.name}"
+    if action is not MissionAction.TAKEOFF and not standing.watch.armed:
+        return f"there is nothing to {_WORDS[action]} on the ground: ABORT cancels the takeoff"
+    return ""
+
+
+def _unfit(standing: Standing, action: MissionAction) -> str:
+    watch, takes_off = standing.watch, action is MissionAction.TAKEOFF
+    if watch.armed and is_foreign(watch.mode):
+        return f"the autopilot flies by itself (mode {watch.mode})"
+    control = watch.control
+    if not takes_off and (control.acts_unasked or (action is MissionAction.RESUME and control.may_wait)):
+        return f"the autopilot acts by its failsafe (mode {watch.mode})"
+    if not takes_off and standing.steered and not control.unexplained:
+        return standing.steered
+    if not takes_off and (watch.mode in LANDING_MODES or watch.lands):
+        return f"the vehicle lands (mode {watch.mode})"
+    if action is MissionAction.RESUME and standing.moved:
+        return standing.moved
+    if takes_off and standing.other:
+        return f"the autopilot node commands {standing.other}"
+    if takes_off and standing.restarts:
+        return BEGINS_ANEW
+    if takes_off and standing.begun_anew:
+        return f"load it again: {standing.begun_anew}"
+    return (NO_POSE if standing.lost else standing.misplaced) if takes_off else ""

@@ -24,14 +24,13 @@ from ..link.dialect import Message
 from ..vehicle.agreement import GROUND_NS, Attention
 from ..vehicle.asked import Rates
 from ..vehicle.modes import LAND, LANDING_MODES
-from .admission import Standing, refusal
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness, climb_of, frame_begun_anew
 from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase, beginning
 from .mission_vehicle import OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
 from .own_landing import ENDS, OwnLanding, Questions
-from .procedure import Means, Procedure, Progress, steps_of
+from .procedure import Means, Procedure, Progress, Standing, refusal, steps_of
 
 PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
 """Names of the messages that a planner wants to be given."""
