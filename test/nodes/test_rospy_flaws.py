@@ -150,8 +150,12 @@ def test_a_descriptor_that_cannot_be_had_once_does_not_close_a_node_to_all(serve
 
 @pytest.mark.live
 def test_of_too_many_that_say_nothing_the_oldest_is_closed(monkeypatch):
+    def read(_server, sock, _address):
+        with contextlib.suppress(OSError):  # the test may be over by then
+            sock.recv(1)
+
     monkeypatch.setattr(rospy_flaws, "_MOST_SILENT", 2)
-    monkeypatch.setattr(rospy_flaws, "_read", lambda _server, sock, _address: sock.recv(1))
+    monkeypatch.setattr(rospy_flaws, "_read", read)
     with contextlib.ExitStack() as opened:
         pairs = [socket.socketpair() for _ in range(3)]
         for ours, theirs in pairs:
