@@ -328,3 +328,9 @@ def test_control_is_not_said_to_be_back_over_a_vehicle_that_nobody_hears():
     story.look().feed(ev.EngineStarted, label="again", resumed=True)
     story.after(3.0)
     assert "takeover_denied" not in story.told
+
+
+def test_a_landing_is_repeated_a_period_after_a_restart_and_not_at_once():
+    story = at("LAND commanding").after(0.1)
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    assert story.state.landing.sent_ns == story.now

@@ -148,3 +148,12 @@ def test_between_two_files_the_user_may_end_the_mission_whoever_seems_to_have_co
     story = at("MISSION touchdown")
     story.say(armed=None, pilot_in_control=True).after(1.0).expect("MISSION", "touchdown")
     assert story.user("land")[0] == "DONE"
+
+
+def test_two_statuses_say_that_it_was_armed_on_the_ground_after_our_flight():
+    story = at("MISSION_ENDED")
+    assert not story.state.flight.another
+    story.say(armed=True, landed=ev.VehicleLanded.ON_GROUND)
+    assert not story.state.flight.another
+    story.after(0.2).say()
+    assert story.state.flight.another

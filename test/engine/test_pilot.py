@@ -297,3 +297,16 @@ def test_a_vehicle_that_fell_silent_in_the_pilots_hands_may_be_given_up(heard):
     story.expect("DATA_CLEANUP")
     assert ("landing_given_up" in story.told, story.motions) == (True, [])
     assert "data_cleanup" not in story.told
+
+
+def test_a_mode_that_two_statuses_show_confirms_the_last_of_several_commands():
+    story = at("HOLD confirming")
+    assert len(story.state.flight.commanded) > 1
+    story.say(mode="AUTO.LOITER").after(0.2).say()
+    hold = story.state.flight.confirmed
+    assert (hold.name, story.state.flight.commanded) == ("HOLD", (hold,))
+
+
+def test_a_failsafes_flag_in_the_mode_that_was_asked_for_last_is_no_takeover():
+    story = at("HOLD resuming").say(mode="AUTO.MISSION", failsafe=True)
+    assert story.state.vehicle.takeover is None

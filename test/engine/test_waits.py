@@ -13,7 +13,10 @@ from engine_story import Story
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine import timers
-from amaze_autonomy.engine.state import EngineState, State, Step
+from amaze_autonomy.engine.context import Context
+from amaze_autonomy.engine.failsafe import values_of
+from amaze_autonomy.engine.rules import Code, Restart
+from amaze_autonomy.engine.state import EngineState, State, Step, evolve
 
 FOR_A_PERSON = ("MISSION_INPUT", "OUTREACH", "PILOT", "MISSION_ENDED")
 
@@ -518,3 +521,14 @@ def test_there_is_a_beginning_for_every_state_and_step():
     seen = {at(place).place for place in BEGINNINGS}
     assert {state for state, _ in seen} == {state.value for state in State}
     assert {step for _, step in seen} == {step.value for step in Step}
+
+
+@pytest.mark.parametrize("until_s, words", [(5.0, "waits at most (restart limit)"), (None, "waits at most")])
+def test_a_decision_names_the_limit_by_which_a_wait_ends(until_s, words):
+    story = at("MISSION flying").fail("lrf", 8, "trying")
+    failure = story.failure("lrf")
+    until_ns = None if until_s is None else story.now + round(until_s * S / 10)
+    status = ev.ComponentStatus("lrf", Code(8), Restart.TRYING, until_ns=until_ns)
+    state = evolve(story.state, peers=evolve(story.state.peers, components=(status,)))
+    values = values_of(failure, Context(state, ev.Tick(t_ns=story.now), story.rules))
+    assert words in [value.name for value in values]

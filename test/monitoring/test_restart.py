@@ -230,3 +230,10 @@ def test_it_never_asks_more_often_than_it_may_and_never_waits_without_end(
     while failing.update(now, failed=True) or failing.restart is Restart.TRYING:
         now = failing.changes_at_ns
     assert now - begin_ns <= limits.total_limit_ns + S
+
+
+def test_an_attempt_that_ended_early_is_the_measure_of_the_next_at_any_time_of_the_clock():
+    failing, begin_ns = machine(), 1000 * S
+    failing.update(begin_ns, failed=True)
+    failing.tell(begin_ns + S, 1, good=False)
+    assert failing.until_ns == begin_ns + 3 * S  # a pause, and an attempt that takes as long
