@@ -302,7 +302,7 @@ def test_a_vehicle_that_fell_silent_in_the_pilots_hands_may_be_given_up(heard):
 def test_a_mode_that_two_statuses_show_confirms_the_last_of_several_commands():
     story = at("HOLD confirming")
     assert len(story.state.flight.commanded) > 1
-    story.say(mode="AUTO.LOITER").after(0.2).say()
+    story.say(mode="AUTO.LOITER").say()
     hold = story.state.flight.confirmed
     assert (hold.name, story.state.flight.commanded) == ("HOLD", (hold,))
 
