@@ -6,6 +6,7 @@ else. What the same command wrote before is replaced, since runs are repeated.
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Callable, Iterable, NamedTuple, Optional
@@ -38,6 +39,21 @@ def beginning(pattern: str) -> Callable[[Path], bool]:
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES).decode("utf-8", "replace")
         return re.match(pattern, head) is not None
+
+    return is_own
+
+
+def journal_of(field: str, program: str) -> Callable[[Path], bool]:
+    """Return what tells whether a file is a journal whose header names a program in a field."""
+
+    def is_own(path: Path) -> bool:
+        with path.open("rb") as file:
+            first = file.readline()
+        try:
+            header = json.loads(first)
+        except ValueError:
+            return False
+        return isinstance(header, dict) and header.get(field) == program
 
     return is_own
 

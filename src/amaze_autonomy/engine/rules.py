@@ -227,7 +227,7 @@ class Limits:
     ground_disarm_after_ns: int = _LANDING.time(4, 120, "time on the ground, armed, after which it is disarmed by command", "PX4 disarms by itself after 2 s")
     ground_disarm_period_ns: int = _LANDING.time(2, 60, "pause between two disarm commands", "the autopilot may refuse the first")
     flight_end_confirm_ns: int = _LANDING.time(0.5, 10, "so long statuses must agree on disarmed and on the ground before the flight is over", "one wrong status must not end the supervision; costs this time after each landing")
-    confirm_limit_ns: int = _LANDING.time(10, 120, "time in which the landing detection should confirm the landing", "reported when it does not, never waited for longer")
+    confirm_limit_ns: int = _LANDING.time(10, 120, "time in which the landing detection should confirm the landing", "reported when it does not, never waited for longer; a flight that has stood for so long is over for good")
     watchdog_heartbeat_limit_ns: int = _FAILSAFE.time(0.6, 60, "silence of the watchdog, or a standing loop counter, that is a lost heartbeat", "three messages at 5 Hz")
     planner_status_limit_ns: int = _FAILSAFE.time(1, 60, "silence of the planner that is a loss", "five messages at 5 Hz")
     planner_idle_limit_ns: int = _FAILSAFE.time(1, 60, "how long the planner may say that nothing is flown, or hold unasked, while the vehicle flies", "it leads nothing then, whatever it was told wrongly; its statuses come at 5 Hz")

@@ -343,10 +343,9 @@ def a_silent_vehicle_may_be_given_up(m: Moment) -> Verdict:
     landing = m.before.state is State.LAND and m.was.alarmed and not m.in_doubt
     if not (landing or m.before.state is State.PILOT) or not _asks_to_end(m):
         return None
-    ends = m.saw.is_silent(m.rules.limits) or m.saw.is_disarmed(m.rules.limits)
-    return (
-        None if not ends else (True if m.moved else f"silent for long, and nothing leads out of {m.before.state.value}")
-    )
+    if not (m.saw.is_silent(m.rules.limits) or m.saw.is_disarmed(m.rules.limits)):
+        return None
+    return True if m.moved else f"silent or disarmed for long, and nothing leads out of {m.before.state.value}"
 
 
 def _asks_to_end(m: Moment) -> bool:

@@ -12,7 +12,7 @@ from amaze_autonomy import paths
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError, load_configuration
 from amaze_autonomy.engine.state import DataResult, Result, State
-from amaze_autonomy.outputs import Kind, OutputError, check_output
+from amaze_autonomy.outputs import Kind, OutputError, check_output, journal_of
 from amaze_autonomy.whole_file import write_whole
 
 from ..engine.events import Mission
@@ -66,17 +66,7 @@ def _run(options: argparse.Namespace) -> int:
     return _status(result)
 
 
-def _is_simulated(path: Path) -> bool:
-    with path.open("rb") as file:
-        first = file.readline()
-    try:
-        header = json.loads(first)
-    except ValueError:
-        return False
-    return isinstance(header, dict) and header.get("writer") == "simulate"
-
-
-_JOURNAL = Kind("journal of a simulation", _is_simulated)
+_JOURNAL = Kind("journal of a simulation", journal_of("writer", "simulate"))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -26,7 +26,7 @@ from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.outputs import Kind, OutputError, check_output
+from amaze_autonomy.outputs import Kind, OutputError, check_output, journal_of
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.compare import Comparison, Lawful, check_laws, compare, law_lines, laws_result
 from amaze_autonomy.whole_file import write_whole
@@ -363,14 +363,7 @@ def _holds(folder: Path, bag: Path) -> bool:
     return own or place in (bag.parent.resolve(), bag.resolve().parent)
 
 
-def _is_journal_of_replay(path: Path) -> bool:
-    with path.open("rb") as file:
-        first = file.readline()
-    try:
-        header = json.loads(first)
-    except ValueError:
-        return False
-    return isinstance(header, dict) and header.get("program") == "amaze-replay"
+_is_journal_of_replay = journal_of("program", "amaze-replay")
 
 
 def _is_page_of_replay(path: Path) -> bool:
