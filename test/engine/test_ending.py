@@ -10,7 +10,9 @@ from engine_peers import MISSION, SHIPPED, S
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.events import Mission
+from amaze_autonomy.engine.events import Mission, MissionPhase, VehicleLanded
+from amaze_autonomy.engine.failsafe import wait_limit_ns
+from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.engine.state import evolve
 
 BOTH = ("LAND", "AutopilotLand")
@@ -247,6 +249,51 @@ def test_a_restart_in_flight_flies_on_when_its_peers_speak(place):
     assert story.place[0] == place.split()[0]
     if place == "HOLD holding":
         story.user("resume")
+    story.until("MISSION_ENDED")
+    assert story.state.session.result.value == "COMPLETE"
+
+
+def _waits_for_lrf():
+    story = at("MISSION flying").fail("lrf", 8, "trying").until("HOLD", "holding")
+    return story, wait_limit_ns("lrf", story.rules) / S
+
+
+def test_what_came_back_while_the_engine_was_dead_is_heard_before_its_wait_ends():
+    story, limit_s = _waits_for_lrf()
+    story.watchdog.components["lrf"] = ev.ComponentStatus("lrf", Code.NOMINAL)
+    story.pass_dead(limit_s + 3.0).look().feed(ev.EngineStarted, label="again", resumed=True)
+    story.silent.append("watchdog")
+    story.after(0.4).expect("HOLD")
+    story.silent.remove("watchdog")
+    story.until("MISSION_ENDED")
+    assert (story.state.session.result.value, story.motions) == ("COMPLETE", ["RESUME"])
+
+
+def test_what_did_not_come_back_while_the_engine_was_dead_ends_the_flight_at_the_next_word():
+    story, limit_s = _waits_for_lrf()
+    story.pass_dead(limit_s + 3.0).feed(ev.EngineStarted, label="again", resumed=True)
+    word_s = story.rules.limits.watchdog_heartbeat_limit_ns / S
+    story.after(word_s - 0.1).expect("HOLD").after(0.2).expect("LAND")
+
+
+def test_a_restart_leaves_a_wait_that_ends_later_as_it_is():
+    story, _ = _waits_for_lrf()
+    before = story.failure("lrf").deadline_ns
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    assert story.failure("lrf").deadline_ns == before
+
+
+def test_a_mission_that_ended_while_the_engine_was_dead_is_complete_as_soon_as_the_planner_says_so():
+    story = at("MISSION flying")
+    story.planner.says["phase"] = MissionPhase.FLYING
+    story.say(armed=False, landed=VehicleLanded.ON_GROUND, height_m=0.0)
+    while story.state.flight.active:
+        story.after(0.1)
+    story.pass_dead(story.rules.limits.confirm_limit_ns / S + 1.0)
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.vehicle.says.update(armed=False, landed=VehicleLanded.ON_GROUND)
+    story.say()
+    story.planner.says["phase"] = MissionPhase.LANDED
     story.until("MISSION_ENDED")
     assert story.state.session.result.value == "COMPLETE"
 

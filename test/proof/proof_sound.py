@@ -310,13 +310,14 @@ def _(s: EngineState) -> bool:
     return s.flight.user_hold_ns is None
 
 
-@_is("Budgets are what is left of a wait: none is spent twice, none ends after its limit.")
+@_is("Budgets are what is left of a wait: none is spent twice, none ends after its limit, or after the word of a watchdog.")
 def _(s: EngineState) -> bool:
     spent = dict(s.flight.spent)
+    unheard = s.started_ns is not None and s.t_ns - s.started_ns < LIMITS.watchdog_heartbeat_limit_ns
     return (
         len(spent) == len(s.flight.spent)
         and all(value >= 0 for value in spent.values())
-        and all(f.deadline_ns is None or f.deadline_ns > s.t_ns for f in s.failures)
+        and all(f.deadline_ns is None or f.deadline_ns > s.t_ns or unheard for f in s.failures)
         and len({f.name for f in s.failures}) == len(s.failures)
     )
 

@@ -311,6 +311,11 @@ def severity_of(name: str, code: Code, state: EngineState, rules: Rules) -> Seve
     return row_of_code(code)
 
 
+def heard_ns(state: EngineState, rules: Rules) -> int:
+    """Return when the watchdog was heard again after a start: no wait ends before, it may have good news."""
+    return 0 if state.started_ns is None else state.started_ns + rules.limits.watchdog_heartbeat_limit_ns
+
+
 def wait_limit_ns(name: str, rules: Rules) -> int:
     """Return the budget of waiting for a component, in nanoseconds per flight."""
     for rule in rules.components:
@@ -397,7 +402,8 @@ class _Ledger:
         if not self.can_wait:
             return evolve(failure, action=_FLOOR.get(self.context.state.state, Action.WAIT), fallback=None)
         deadline = self._deadline(failure.name)
-        if restart is not Restart.GIVEN_UP and self.context.now < deadline:
+        ends_ns = max(deadline, heard_ns(self.context.state, self.context.rules))
+        if restart is not Restart.GIVEN_UP and self.context.now < ends_ns:
             return evolve(failure, fallback=fallback, deadline_ns=deadline)
         if fallback is Action.CONTINUE:
             self.without.append(failure.name)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Callable, Dict, Iterator, Mapping, Optional, Tuple, Union
 
 from .events import CHECKS, CheckName, checks_of
-from .failsafe import FAILSAFE_CONDITIONS, Silent
+from .failsafe import FAILSAFE_CONDITIONS, Silent, heard_ns
 from .rules import Rules
 from .state import EngineState, FailureKind, State, Step
 
@@ -70,9 +70,9 @@ def _check_poll(state: EngineState, rules: Rules) -> Optional[int]:
     return max(replied) + rules.limits.preflight_fix_poll_ns if len(replied) == len(checks_of(rules)) else None
 
 
-def _wait(state: EngineState, _: Rules) -> Optional[int]:
+def _wait(state: EngineState, rules: Rules) -> Optional[int]:
     ends = [f.deadline_ns for f in state.failures if f.deadline_ns is not None and f.kind is not FailureKind.USER]
-    return min(ends) if ends else None
+    return max(min(ends), heard_ns(state, rules)) if ends else None
 
 
 def _disarm(state: EngineState, rules: Rules) -> Optional[int]:

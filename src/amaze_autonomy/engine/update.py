@@ -115,6 +115,9 @@ def _engine_started(context: Context, event: EngineStarted) -> None:
         context.put("landing", sent_ns=context.now)
     context.put("recording", since_ns=None)
     _forget_ground(context)
+    if context.state.flight.grounded_ns is not None:  # whose planner may have said meanwhile that it landed
+        context.put("flight", grounded_ns=context.now)
+        context.put("landing", disarm_sent_ns=None)
     if state.flight.active or state.state is not State.MISSION_INPUT:
         context.notify("resumed", state=state.state.value)
 

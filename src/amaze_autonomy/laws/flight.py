@@ -194,18 +194,17 @@ def a_wait_holds(m: Moment) -> Verdict:
 
 @law(
     "4 waits",
-    "A component is not waited for longer than its budget, all its failures of the flight together.",
+    "A component is not waited for longer than its budget in one flight, or than until a restarted engine hears of it.",
     always=True,
 )
 def a_wait_ends(m: Moment) -> Verdict:
     if m.after.state is not State.HOLD or m.seen.flight != "armed":
         return None
     for name, waited in m.saw.waited:
-        budget = m.budget_ns(name)
         failing = dict(m.saw.codes).get(name, 1) in (4, 8)
         held = any(f.name == name and f.action.name == "WAIT" for f in m.after.failures)
-        if failing and held and waited >= budget:
-            return f"{name} was waited for {waited / 1e9:g} s of {budget / 1e9:g} s, and is still"
+        if failing and held and m.is_spent(name):
+            return f"{name} was waited for {waited / 1e9:g} s of {m.budget_ns(name) / 1e9:g} s, and is still"
     return True
 
 
@@ -214,7 +213,7 @@ def high_lands_in_the_end(m: Moment) -> Verdict:
     if m.saw.flight != "armed" or not m.saw.airborne:
         return None
     for name, code in m.saw.codes:
-        over = name in m.saw.given_up or dict(m.saw.waited).get(name, 0) >= m.budget_ns(name)
+        over = name in m.saw.given_up or m.is_spent(name)
         if code in (4, 8) and m.severity(name, code) == "high" and over:
             return _is_landed_for(m, f"{name} is not coming back")
     return None

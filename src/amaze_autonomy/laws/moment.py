@@ -65,6 +65,11 @@ class Moment:
         budgets = (rule.wait_limit_ns for rule in self.rules.components if rule.name == name)
         return next(budgets, self.rules.limits.unlisted_wait_limit_ns)
 
+    def is_spent(self, name: str) -> bool:
+        """Return True when the budget is spent, and the watchdog could be heard since the engine was started."""
+        heard = self.saw.now - self.saw.started_ns >= self.rules.limits.watchdog_heartbeat_limit_ns
+        return heard and dict(self.saw.waited).get(name, 0) >= self.budget_ns(name)
+
     def limit(self, name: str) -> float:
         """Return a limit of the flight: the mission's own, else the configuration's."""
         own = getattr(self.mission, name, None) if self.mission is not None else None

@@ -111,6 +111,7 @@ class Witness:
     recording: str = "none"
     user_hold: bool = False
     waited: Tuple[Tuple[str, int], ...] = ()
+    started_ns: int = 0
     shutting_down: bool = False
     stalled_s: float = 0.0
 
@@ -423,7 +424,7 @@ def _started(
     witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState, _limits: Limits
 ) -> None:
     """A new process has heard nobody yet: silence is counted from its start, and what was said before is not known."""
-    changes.update(shutting_down=False, rested=2 if witness.rested > 1 and state.sessions else 0)
+    changes.update(started_ns=now, shutting_down=False, rested=2 if witness.rested > 1 and state.sessions else 0)
     if event.resumed:
         changes.update(planner_ns=now, recorder_ns=now, vehicle_ns=now, detection_ns=now)
         changes.update(vehicle=None, planner=None, recorder=None, detection=ev.Landed.UNKNOWN)
