@@ -310,7 +310,7 @@ def _(s: EngineState) -> bool:
     return s.flight.user_hold_ns is None
 
 
-@_is("Budgets are what is left of a wait: none is spent twice, none ends after its limit, or after the word of a watchdog.")
+@_is("Budgets are what is left of a wait: none is spent twice, none outlasts limit and word of the watchdog.")
 def _(s: EngineState) -> bool:
     spent = dict(s.flight.spent)
     unheard = s.started_ns is not None and s.t_ns - s.started_ns < LIMITS.watchdog_heartbeat_limit_ns
