@@ -82,6 +82,17 @@ def test_mavros_in_a_namespace_has_its_topics_there(capsys):
     assert line.startswith("autopilot.yaml says that mavros is at /uav1/mavros, and sensors.yaml and recording.yaml ")
 
 
+@pytest.mark.parametrize("arguments", [["check-config", "{}"], ["simulate", "--config", "{}", "--limit", "1"]])
+def test_a_tilde_that_no_shell_has_replaced_is_the_home_and_no_folder_of_that_name(
+    capsys, folder, tmp_path, monkeypatch, arguments
+):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    written = [each.format(f"~/{folder.name}") for each in arguments]
+    assert main(written) != 2, capsys.readouterr()
+    assert not (tmp_path / "~").exists()
+
+
 def test_a_mistake_is_one_line_and_status_1(capsys, folder):
     (folder / "autonomy.yaml").write_text("checks:\n  ready_limit_min: 1\n")
     assert main(["check-config", str(folder)]) == 1

@@ -12,6 +12,7 @@ from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optio
 from . import paths
 from .bags.cli import add_memory
 from .command_line import run_command, say_wrong
+from .paths import expanded
 from .whole_file import write_whole
 
 OK, WRONG, USAGE, NOBODY = 0, 1, 2, 3
@@ -106,26 +107,26 @@ def _parser() -> argparse.ArgumentParser:
 
     words = "check every file of a configuration and say the first mistake"
     check = commands.add_parser("check-config", help=words, description=words, **_layout(_CHECK_EXAMPLES))
-    check.add_argument("folder", nargs="?", type=Path, metavar="FOLDER", help=_FOLDER)
+    check.add_argument("folder", nargs="?", type=expanded, metavar="FOLDER", help=_FOLDER)
     _add_common(check)
     check.set_defaults(command=_check_config)
 
     words = "list the missions of a configuration"
     missions = commands.add_parser("missions", help=words, description=words, **_layout(_MISSIONS_EXAMPLES))
-    missions.add_argument("folder", nargs="?", type=Path, metavar="FOLDER", help=_FOLDER)
+    missions.add_argument("folder", nargs="?", type=expanded, metavar="FOLDER", help=_FOLDER)
     _add_common(missions)
     missions.set_defaults(command=_missions)
 
     words = "make a configuration of one of the CNS Flight Stack: missions, trajectories, watchdog files"
     cns = commands.add_parser("import-cns", help=words, description=words, **_layout(_IMPORT_EXAMPLES))
-    cns.add_argument("folder", type=Path, metavar="FOLDER", help="with its files, at any depth")
+    cns.add_argument("folder", type=expanded, metavar="FOLDER", help="with its files, at any depth")
     words = "folder to write, new or empty (default: ./amaze_config)"
-    cns.add_argument("--output", type=Path, default=Path("amaze_config"), metavar="DIR", help=words)
+    cns.add_argument("--output", type=expanded, default=Path("amaze_config"), metavar="DIR", help=words)
     cns.set_defaults(command=_import_cns)
 
     words = "compare a configuration with the graph that runs now, and with this computer"
     doctor = commands.add_parser("doctor", help=words, description=words, epilog=_DOCTOR_EXAMPLES, formatter_class=_RAW)
-    doctor.add_argument("folder", nargs="?", type=Path, metavar="FOLDER", help=_FOLDER)
+    doctor.add_argument("folder", nargs="?", type=expanded, metavar="FOLDER", help=_FOLDER)
     doctor.add_argument("--for", type=_seconds, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
     words = "which of recording.yaml this computer is (default: the collector)"
     doctor.add_argument("--platform", default="", metavar="NAME", help=words)
@@ -142,18 +143,20 @@ def _parser() -> argparse.ArgumentParser:
     first = commands.add_parser(
         "propose-config", help=words, description=words, epilog=_PROPOSE_EXAMPLES, formatter_class=_RAW
     )
-    first.add_argument("recordings", nargs="*", type=Path, metavar="BAG", help="of one flight, or at rest")
+    first.add_argument("recordings", nargs="*", type=expanded, metavar="BAG", help="of one flight, or at rest")
     first.add_argument("--live", action="store_true", help="listen to every topic of the running graph instead")
     first.add_argument("--for", type=_seconds, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
     add_memory(first)
     words = "folder to write, new or empty (default: ./amaze_config)"
-    first.add_argument("--output", type=Path, default=Path("amaze_config"), metavar="DIR", help=words)
+    first.add_argument("--output", type=expanded, default=Path("amaze_config"), metavar="DIR", help=words)
     first.set_defaults(command=_propose_config)
 
     words = "write the generated parts of docs/, or check them"
     docs = commands.add_parser("docs", help=words, description=words, **_layout(_DOCS_EXAMPLES))
     docs.add_argument("--check", action="store_true", help="write nothing; exit status 1 when something differs")
-    docs.add_argument("--folder", type=Path, metavar="DOCS", help="folder of the pages (default: docs/ of the sources)")
+    docs.add_argument(
+        "--folder", type=expanded, metavar="DOCS", help="folder of the pages (default: docs/ of the sources)"
+    )
     docs.set_defaults(command=_docs)
 
     commands.add_parser("simulate", help="fly missions in the simulated world, in virtual time", add_help=False)

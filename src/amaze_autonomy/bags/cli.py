@@ -18,6 +18,7 @@ from amaze_autonomy.command_line import run_command, say_wrong
 from amaze_autonomy.outputs import Kind, OutputError, check_output
 from amaze_autonomy.units import MB, SECOND
 
+from ..paths import expanded
 from .errors import BagError
 from .format import MEMORY
 
@@ -113,16 +114,16 @@ def _parser() -> argparse.ArgumentParser:
     adder = parser.add_subparsers(metavar="COMMAND", dest="name", required=True)
 
     info = _command(adder, "info", "topics, types, counts, rates, gaps; reads the index only", _info)
-    info.add_argument("bags", nargs="+", type=Path, metavar="BAG")
+    info.add_argument("bags", nargs="+", type=expanded, metavar="BAG")
 
     doctor = _command(adder, "doctor", "find damage, with offsets; changes nothing", _doctor)
-    doctor.add_argument("bags", nargs="+", type=Path, metavar="BAG")
+    doctor.add_argument("bags", nargs="+", type=expanded, metavar="BAG")
     doctor.add_argument("--quick", action="store_true", help="do not read the data of whole chunks")
 
     recover = _command(adder, "recover", "write what is good into a new bag, or close a bag in place", _recover)
-    recover.add_argument("bag", type=Path, metavar="BAG", help="is only read, but for --in-place and --undo")
+    recover.add_argument("bag", type=expanded, metavar="BAG", help="is only read, but for --in-place and --undo")
     where = recover.add_mutually_exclusive_group()
-    where.add_argument("-o", "--output", type=Path, help="default: x.bag for x.bag.active, else x.recovered.bag")
+    where.add_argument("-o", "--output", type=expanded, help="default: x.bag for x.bag.active, else x.recovered.bag")
     where.add_argument("--in-place", action="store_true", help="no copy: change the end of the bag, keep x.bag.undo")
     where.add_argument("--undo", action="store_true", help="make the original of what was recovered in place")
     recover.add_argument("--trust-data", action="store_true", help="do not look at the data of whole chunks")
@@ -132,8 +133,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_merge(adder)
     _add_filter(adder)
     verify = _command(adder, "verify", "compare a merged bag with its inputs, and readers with each other", _verify)
-    verify.add_argument("bag", type=Path, metavar="BAG")
-    verify.add_argument("inputs", nargs="*", type=Path, metavar="INPUT", help="default: those of the manifest")
+    verify.add_argument("bag", type=expanded, metavar="BAG")
+    verify.add_argument("inputs", nargs="*", type=expanded, metavar="INPUT", help="default: those of the manifest")
     verify.add_argument("--offsets-s", type=_seconds, default=(), metavar="S,S,...", help="that the merge applied")
     _add_readers(verify)
     return parser
@@ -141,8 +142,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_merge(adder: Any) -> None:
     merge = _command(adder, "merge", "several bags into one, in order of time", _merge)
-    merge.add_argument("inputs", nargs="+", type=Path, metavar="INPUT", help="is only read")
-    merge.add_argument("-o", "--output", type=Path, required=True)
+    merge.add_argument("inputs", nargs="+", type=expanded, metavar="INPUT", help="is only read")
+    merge.add_argument("-o", "--output", type=expanded, required=True)
     merge.add_argument(
         "--compression",
         choices=_COMPRESSIONS,
@@ -176,8 +177,8 @@ def _add_filter(adder: Any) -> None:
     named.add_argument("--types", nargs="+", default=(), metavar="PATTERN", help="that are wanted, as 'sensor_msgs/*'")
     cut.set_defaults(topics=(), without=(), types=())
     for parser in (named, cut):
-        parser.add_argument("bag", type=Path, metavar="BAG", help="is only read")
-        parser.add_argument("-o", "--output", type=Path, required=True)
+        parser.add_argument("bag", type=expanded, metavar="BAG", help="is only read")
+        parser.add_argument("-o", "--output", type=expanded, required=True)
         words = "from the first message in seconds, or a date and time in UTC (2026-11-22T12:00:00Z)"
         parser.add_argument("--from", type=_moment, dest="begin", metavar="TIME", help=f"from then on: {words}")
         parser.add_argument("--to", type=_moment, dest="end", metavar="TIME", help="before then, likewise")

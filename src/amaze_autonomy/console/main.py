@@ -7,7 +7,6 @@ import errno
 import os
 import signal
 import sys
-from pathlib import Path
 from typing import Any, Callable, List, Optional, Tuple
 
 from amaze_autonomy.console.errors import ConsoleError, UsageError
@@ -17,6 +16,7 @@ from amaze_autonomy.console.plain import run_plain
 from amaze_autonomy.console.session import CLOSED, INTERRUPTED, Session
 from amaze_autonomy.console.terminal import Terminal, Wake, owns_terminal
 
+from ..paths import expanded
 from .wire import clean
 
 _USAGE_STATUS = 2
@@ -86,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--ascii", action="store_true", help="no unicode; by itself where the locale has none")
     parser.add_argument(
-        "--pictures", metavar="DIR", type=Path, help="save the screen as SVG whenever the state changes"
+        "--pictures", metavar="DIR", type=expanded, help="save the screen as SVG whenever the state changes"
     )
     return parser
 

@@ -16,6 +16,7 @@ from amaze_autonomy.outputs import Kind, OutputError, check_output, journal_of
 from amaze_autonomy.whole_file import write_whole
 
 from ..engine.events import Mission
+from ..paths import expanded
 from .errors import SimulationError
 from .run import Run, run, story, summary
 from .scenario import EVENTS, KINDS, Scenario
@@ -82,10 +83,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--faults", default="", metavar="FILE", help=words)
     parser.add_argument("--seed", type=int, default=0, help="of noise and latencies (default: 0)")
     words = "folder of the configuration (default: the one that ships with the package)"
-    parser.add_argument("--config", type=Path, metavar="DIR", help=words)
+    parser.add_argument("--config", type=expanded, metavar="DIR", help=words)
     words = "override a value, e.g. autonomy.require_go=true; may be repeated"
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help=words)
-    parser.add_argument("--journal", type=Path, metavar="FILE", help="write the journal (JSON Lines)")
+    parser.add_argument("--journal", type=expanded, metavar="FILE", help="write the journal (JSON Lines)")
     words = "simulated seconds after which it ends (default: 7200)"
     parser.add_argument("--limit", type=float, default=7200.0, dest="limit_s", metavar="S", help=words)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -103,7 +104,7 @@ def _mission(missions: Tuple[Mission, ...], name: str) -> Mission:
 def scenario_file(folder: Path, name: str) -> Path:
     """Return the file that is meant: a path, or a name of a shipped scenario."""
     if Path(name).exists() or "/" in name or name.endswith(".yaml"):
-        return Path(name)
+        return expanded(name)
     shipped = {file.stem: file for file in sorted((folder / "faults").glob("*.yaml"))}
     if name not in shipped:
         close = difflib.get_close_matches(name, list(shipped), n=1)

@@ -12,7 +12,6 @@ import socket
 import sys
 import threading
 import time
-from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Protocol, Sequence, Set, Tuple
 
 from amaze_autonomy import paths
@@ -342,7 +341,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--faults", default="", metavar="FILE", help=words)
     parser.add_argument("--seed", type=int, default=0, help="of noise (default: 0)")
     words = "folder of the configuration (default: the one that ships with the package)"
-    parser.add_argument("--config", type=Path, metavar="DIR", help=words)
+    parser.add_argument("--config", type=paths.expanded, metavar="DIR", help=words)
     words = "override a value of the configuration; may be repeated"
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help=words)
     return parser

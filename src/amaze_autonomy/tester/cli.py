@@ -18,6 +18,7 @@ from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import Journal
 from ..pages.document import is_document, need_plots
+from ..paths import expanded
 from ..replay.errors import ReplayError
 from ..replay.recordings.journals import read_journals
 from .coverage import (
@@ -85,10 +86,12 @@ def _add_test(commands: _Parsers) -> None:
     test.add_argument("-j", "--jobs", type=int, default=1, metavar="N", help="processes; 0: one for each core")
     test.add_argument("-v", "--verbose", action="store_true", help="print every expectation with its margin")
     test.add_argument("--no-goldens", action="store_true", help="judge the expectations alone")
-    test.add_argument("--json", type=Path, metavar="FILE", help="write the results; ERROR until the run has ended")
-    test.add_argument("--junit", type=Path, metavar="FILE", help="write the results as JUnit XML")
-    test.add_argument("--markdown", type=Path, metavar="FILE", help="write a summary")
-    test.add_argument("--html", type=Path, metavar="FILE", help="write the report: one page, nothing else is needed")
+    test.add_argument("--json", type=expanded, metavar="FILE", help="write the results; ERROR until the run has ended")
+    test.add_argument("--junit", type=expanded, metavar="FILE", help="write the results as JUnit XML")
+    test.add_argument("--markdown", type=expanded, metavar="FILE", help="write a summary")
+    test.add_argument(
+        "--html", type=expanded, metavar="FILE", help="write the report: one page, nothing else is needed"
+    )
     add_waivers(test)
     test.set_defaults(command=_test)
 
@@ -266,9 +269,9 @@ def _add_sweep(commands: Any) -> None:
     parser.add_argument("--step", type=finite, default=1.0, metavar="S", help="of the grid (default: 1)")
     words = "how closely boundaries are found (default: 0.05)"
     parser.add_argument("--resolution", type=finite, default=0.05, metavar="S", help=words)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the map")
+    parser.add_argument("--json", type=expanded, metavar="FILE", help="write the map")
     parser.add_argument(
-        "--html", type=Path, metavar="FILE", help="write the map as a picture: one page, no more needed"
+        "--html", type=expanded, metavar="FILE", help="write the map as a picture: one page, no more needed"
     )
     parser.set_defaults(command=_sweep)
 
@@ -305,7 +308,7 @@ def _add_shrink(commands: Any) -> None:
     parser = commands.add_parser("shrink", help="reduce a failing scenario to the few events of its first difference")
     _add_file(parser)
     parser.add_argument("--rule", default="", help="take the first decision by this rule instead; needs no golden")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the scenario; default: print it")
+    parser.add_argument("--out", type=expanded, metavar="FILE", help="write the scenario; default: print it")
     parser.set_defaults(command=_shrink)
 
 
@@ -327,8 +330,8 @@ def _shrink(options: argparse.Namespace) -> int:
 
 def _add_agree(commands: Any) -> None:
     parser = commands.add_parser("agree", help="two journals, live and replayed: the same decisions at the same times?")
-    parser.add_argument("one", type=Path, metavar="FILE", help="journal of a run, or a bag with it")
-    parser.add_argument("other", type=Path, metavar="FILE", help="journal of the other one, on the same clock")
+    parser.add_argument("one", type=expanded, metavar="FILE", help="journal of a run, or a bag with it")
+    parser.add_argument("other", type=expanded, metavar="FILE", help="journal of the other one, on the same clock")
     words = "how far apart the times of a decision may be (default: 0.3)"
     parser.add_argument("--tolerance", type=finite, default=0.3, metavar="S", help=words)
     add_memory(parser)
@@ -356,7 +359,7 @@ def _only_journal(path: Path, memory: int) -> Journal:
 
 
 def _add_file(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", type=Path, metavar="FILE", help="scenario")
+    parser.add_argument("file", type=expanded, metavar="FILE", help="scenario")
     parser.add_argument("--variant", help="combination of its matrix; default: the first")
     add_memory(parser)
 

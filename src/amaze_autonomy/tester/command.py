@@ -33,6 +33,7 @@ from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import Journal, JournalError
 from ..pages.document import PageError, is_document, need_plots
+from ..paths import expanded
 from ..replay.beginning import ARMING_LEAD_NS, flights_of, part_of
 from ..replay.changed_keys import Change, DecidedKeys, Unread, changes_of, keys_of, unread_in_journal
 from ..replay.errors import ReplayError
@@ -90,7 +91,7 @@ def _parser(*, scenarios: bool) -> argparse.ArgumentParser:
 
 def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     run = commands.add_parser("run", help="replay the sensors of one or several recordings of one flight")
-    run.add_argument("bags", nargs="+", type=Path, metavar="FILE", help=f"each {RECORDINGS}")
+    run.add_argument("bags", nargs="+", type=expanded, metavar="FILE", help=f"each {RECORDINGS}")
     run.add_argument("--map", metavar="MAP", help="topic map: name or YAML file; default: the one named as the bag")
     run.add_argument("--mission", metavar="ID", help="mission of the configuration; default: its first")
     run.add_argument("--flight", type=int, metavar="N", help="judge the N-th arming by itself, from 1")
@@ -101,7 +102,7 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     _add_configuration(run, "default: the one that ships with the package")
     add_tapes(run)
     words = "folder for journal.jsonl, timeline.txt, result.json, and flight.html where plotly is installed"
-    run.add_argument("--out", type=Path, metavar="DIR", help=words)
+    run.add_argument("--out", type=expanded, metavar="DIR", help=words)
     add_memory(run)
     _add_page(run)
     run.add_argument("--no-html", action="store_true", help="leave flight.html out of the folder of --out")
@@ -118,8 +119,8 @@ def _seconds(text: str) -> float:
 
 def _add_map(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     proposed = commands.add_parser("map", help="propose a topic map for recordings that nobody described yet")
-    proposed.add_argument("bags", nargs="+", type=Path, metavar="FILE", help=f"of one flight, each {RECORDINGS}")
-    proposed.add_argument("--out", type=Path, metavar="FILE", help="write it there; default: print it")
+    proposed.add_argument("bags", nargs="+", type=expanded, metavar="FILE", help=f"of one flight, each {RECORDINGS}")
+    proposed.add_argument("--out", type=expanded, metavar="FILE", help="write it there; default: print it")
     add_memory(proposed)
     proposed.set_defaults(command=_propose)
 
@@ -127,9 +128,9 @@ def _add_map(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 def _add_export(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     words = "write recordings for other programs: MCAP, tables in CSV, the track as KML"
     exported = commands.add_parser("export", help=words)
-    exported.add_argument("bags", nargs="+", type=Path, metavar="FILE", help=f"of one flight, each {RECORDINGS}")
+    exported.add_argument("bags", nargs="+", type=expanded, metavar="FILE", help=f"of one flight, each {RECORDINGS}")
     words = "x.mcap, x.kml, or a folder: there a table x.csv for each topic"
-    exported.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help=words)
+    exported.add_argument("-o", "--output", type=expanded, required=True, metavar="OUT", help=words)
     words = "topics that are wanted, as '/camera/*'; default: all"
     exported.add_argument("--topics", nargs="+", default=(), metavar="PATTERN", help=words)
     exported.add_argument("--force", action="store_true", help="replace an existing output; recordings never are")
@@ -139,7 +140,7 @@ def _add_export(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
 
 def _add_journal(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     journal = commands.add_parser("journal", help="decide every event of a flight's journal again, and compare")
-    journal.add_argument("file", type=Path, metavar="FILE", help="journal.jsonl, or a bag with the topic ~journal")
+    journal.add_argument("file", type=expanded, metavar="FILE", help="journal.jsonl, or a bag with the topic ~journal")
     journal.add_argument("--topic", default="", help="of the journal in a bag; default: the only one there is")
     _add_configuration(journal, "decide with its rules; default: those in the journal's header")
     add_memory(journal)
@@ -150,7 +151,7 @@ def _add_journal(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def _add_laws(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     laws = commands.add_parser("laws", help="check the safety laws at every event of a flight's journal")
-    laws.add_argument("file", type=Path, metavar="FILE", help="journal.jsonl, or a bag with the topic ~journal")
+    laws.add_argument("file", type=expanded, metavar="FILE", help="journal.jsonl, or a bag with the topic ~journal")
     laws.add_argument("--topic", default="", help="of the journal in a bag; default: the only one there is")
     _add_configuration(laws, "decide with its rules; default: those in the journal's header")
     add_memory(laws)
@@ -160,11 +161,11 @@ def _add_laws(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
 
 def _add_page(parser: argparse.ArgumentParser) -> None:
     words = "write the flight page: one file that a browser opens without a network (needs plotly)"
-    parser.add_argument("--html", type=Path, metavar="FILE", help=words)
+    parser.add_argument("--html", type=expanded, metavar="FILE", help=words)
 
 
 def _add_configuration(parser: argparse.ArgumentParser, words: str) -> None:
-    parser.add_argument("--config", type=Path, metavar="DIR", help=f"folder of the configuration; {words}")
+    parser.add_argument("--config", type=expanded, metavar="DIR", help=f"folder of the configuration; {words}")
     parser.add_argument(
         "--set",
         action="append",

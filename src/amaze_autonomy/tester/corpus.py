@@ -23,6 +23,7 @@ from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.outputs import check_output
 from amaze_autonomy.whole_file import sha256_of, write_whole
 
+from ..paths import expanded
 from ..replay.errors import ReplayError
 from .run import DIED, run_task, run_tasks, spread
 from .scenario import Case, load_cases
@@ -112,7 +113,9 @@ def add_corpus(commands: Any) -> None:
     corpus.add_argument("--no-doctor", action="store_true", help="do not look through the bags first")
     corpus.add_argument("--no-goldens", action="store_true", help="judge the expectations alone")
     corpus.add_argument("-v", "--verbose", action="store_true", help="print every expectation with its margin")
-    corpus.add_argument("--json", type=Path, metavar="FILE", help="write the results; ERROR until the run has ended")
+    corpus.add_argument(
+        "--json", type=expanded, metavar="FILE", help="write the results; ERROR until the run has ended"
+    )
     corpus.set_defaults(command=_corpus)
 
 

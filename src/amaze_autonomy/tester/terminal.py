@@ -10,7 +10,6 @@ import math
 import os
 import sys
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Mapping, Sequence, Tuple
 
 from amaze_autonomy.bags.cli import add_memory
@@ -21,6 +20,7 @@ from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.session import Outcome
 from amaze_autonomy.replay.timeline import Line, LineKind, written
 
+from ..paths import expanded
 from ..replay.errors import ReplayError
 from .coverage import read_waivers
 from .run import case_of
@@ -96,7 +96,7 @@ def show_lines(lines: Sequence[str]) -> None:
 def add_tapes(parser: argparse.ArgumentParser) -> None:
     """Add where tapes are kept."""
     words = f"keep what is taken out of bags, and take it from there the next time; default: ${VARIABLE}, else nowhere"
-    parser.add_argument("--tapes", type=Path, metavar="DIR", help=words)
+    parser.add_argument("--tapes", type=expanded, metavar="DIR", help=words)
 
 
 def use_tapes(options: argparse.Namespace) -> None:
@@ -114,7 +114,7 @@ _WAIVERS = "waivers.yaml"
 def add_choice(parser: argparse.ArgumentParser) -> None:
     """Add what chooses scenarios."""
     words = "scenario files, and folders with *.scenario.yaml"
-    parser.add_argument("paths", nargs="+", type=Path, metavar="DIR|FILE", help=words)
+    parser.add_argument("paths", nargs="+", type=expanded, metavar="DIR|FILE", help=words)
     parser.add_argument("--tag", action="append", default=[], help="only scenarios with this tag; repeatable")
     parser.add_argument("--variant", help="only this combination of a matrix")
     add_memory(parser)
@@ -122,7 +122,7 @@ def add_choice(parser: argparse.ArgumentParser) -> None:
 
 def add_configuration(parser: argparse.ArgumentParser) -> None:
     """Add what replaces the scenarios' configuration."""
-    parser.add_argument("--config", type=Path, metavar="DIR", help="decide by it instead of each scenario's own")
+    parser.add_argument("--config", type=expanded, metavar="DIR", help="decide by it instead of each scenario's own")
     words = "replace a value of the configuration; repeatable"
     parser.add_argument("--set", action="append", default=[], metavar="FILE.KEY=VALUE", help=words)
 
@@ -130,7 +130,7 @@ def add_configuration(parser: argparse.ArgumentParser) -> None:
 def add_waivers(parser: argparse.ArgumentParser) -> None:
     """Add the file of waivers."""
     words = f"rows and mutants that need not, with reasons; default: {_WAIVERS} beside the scenarios"
-    parser.add_argument("--waivers", type=Path, metavar="FILE", help=words)
+    parser.add_argument("--waivers", type=expanded, metavar="FILE", help=words)
 
 
 def waivers_of(options: argparse.Namespace) -> Mapping[str, str]:

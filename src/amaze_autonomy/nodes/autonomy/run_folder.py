@@ -30,6 +30,7 @@ from amaze_autonomy.engine.events import Event, MissionSelected
 from amaze_autonomy.whole_file import sync_folder, write_whole
 
 from ...journal import journal as codec
+from ...paths import expanded
 from ...ros.errors import StartError
 
 RESULT_NAME = "result.json"
@@ -100,12 +101,12 @@ class Place:
     @property
     def named(self) -> Optional[Path]:
         """The folder that is named for the run."""
-        return Path(self.output).expanduser().absolute() if self.output else None
+        return expanded(self.output).absolute() if self.output else None
 
     @property
     def parent(self) -> Path:
         """The folder of the runs."""
-        return Path(self.runs).expanduser().absolute() if self.runs else default_parent().absolute()
+        return expanded(self.runs).absolute() if self.runs else default_parent().absolute()
 
     def facts(self) -> Dict[str, str]:
         """Return what the header of a journal says of it."""

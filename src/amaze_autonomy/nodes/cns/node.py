@@ -49,6 +49,7 @@ from amaze_autonomy.monitoring.readings import estimate_reader
 from amaze_autonomy.ros.clock import Clock, Periodic, Workers
 
 from ...autopilot.link.state_files import read_kept
+from ...paths import expanded
 from ...ros.arguments import given
 from ...ros.errors import CallError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, ros_time, status_message
@@ -403,7 +404,7 @@ def _folder(place: str) -> Optional[Folder]:
     host, colon, path = place.partition(":")
     if colon and "/" not in host:
         return _there(host, path)
-    here = Path(place).expanduser()
+    here = expanded(place)
     if not here.is_dir():
         return None
     sizes: List[Tuple[str, int]] = []

@@ -19,6 +19,7 @@ from amaze_autonomy.config import ConfigError, load_configuration
 
 from ...console.link import Happening, LinkClosed
 from ...console.ros_link import RosLink
+from ...paths import expanded
 from ...ros.arguments import answer_words, configuration_folder, given, overrides
 from ...ros.errors import StartError
 from ...ros.node_main import write_for_user_and_group
@@ -35,7 +36,7 @@ def main() -> int:
     write_for_user_and_group()  # the folder of the token is that of the runs
     file = given("token_file") or Path(rospkg.get_ros_home()) / "amaze_autonomy" / "web_token"
     try:
-        token = token_of(Path(file).expanduser())
+        token = token_of(expanded(str(file)))
         plans = load_configuration(configuration_folder(), overrides()).plans
         return _serve(given("address"), _port(), token, plans)
     except (ConfigError, StartError, OSError, ValueError) as error:
