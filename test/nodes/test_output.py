@@ -18,7 +18,7 @@ pytest.importorskip("rospy")
 
 from launched import launched
 
-from amaze_autonomy.engine.events import EngineStarted, Tick
+from amaze_autonomy.engine.events import EngineStarted, Landed, LandedStatus, Tick
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.journal import journal as codec
 from amaze_autonomy.nodes.autonomy import node as engine_node
@@ -167,6 +167,26 @@ def test_of_runs_of_one_boot_the_last_word_counts_whatever_the_wall_clock_said(h
     run_folder.write_result(home / "last", {"in_flight": in_flight})
     found = found_in(Place())
     assert (None if found is None else found.path) == (home / "last" / "journal.jsonl" if in_flight else None)
+
+
+@pytest.mark.parametrize("size", [100_000, 300_000])
+def test_a_run_whose_last_lines_are_delta_lines_is_gone_on_with_after_one_that_ended(home, monkeypatch, size):
+    """Each kind of status stands in full once a minute, and all at one moment where an engine was started again."""
+    monkeypatch.setattr(codec, "_MOST_DELTAS", size)  # no matter how many: none stands in full again
+    encoder, text = codec.DeltaEncoder(), ""
+    for number in range(size // 20):
+        text += encoder.encode(LandedStatus(t_ns=10 + number, landed=Landed.AIRBORNE, distance_m=number / 8)) + "\n"
+    assert "t_ns" not in text[-size:]
+    dated(home / "ended", 2000, clock=run_folder.BOOT_CLOCK)
+    dated(home / "last", 1000, clock=run_folder.BOOT_CLOCK, more=text)
+    run_folder.write_result(home / "ended", {"in_flight": False})
+    assert found_in(Place()).path == home / "last" / "journal.jsonl"
+
+
+@pytest.mark.parametrize("text", ["", '{"half', "nonsense\n" * 30_000])
+def test_a_journal_in_which_no_line_says_a_time_has_no_last_word(tmp_path, text):
+    (tmp_path / "journal.jsonl").write_text(text)
+    assert run_folder._last_ns(tmp_path / "journal.jsonl") == -1
 
 
 def test_a_journal_of_another_clock_has_no_last_word(home):

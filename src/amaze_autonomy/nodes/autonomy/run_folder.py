@@ -39,7 +39,7 @@ _LONGEST_HEADER = 1 << 20
 BOOT_CLOCK = "monotonic"  # of journals whose times go on within a boot, whatever is done to the wall clock
 ROS_CLOCK = "ROS time"  # of those whose times are what /clock says
 _LOOKED_AT = 500  # journals, before the search for the own one is given up
-_TAIL = 1 << 16  # of a journal, in which its last line is
+_TAIL = 1 << 16  # bytes of a journal, in which a line says a time as a rule
 REPORT_NAME = "report.txt"
 
 
@@ -271,12 +271,18 @@ def _last_of(journals: Sequence[Tuple[Path, Dict[str, Any]]]) -> Tuple[Path, Dic
 
 
 def _last_ns(path: Path) -> int:
-    """Return the time of the last line that can be read, ns; -1: there is none."""
+    """Return the time of the last line that says one, ns; -1: none does. Delta lines do not, for a minute of them."""
     with suppress(OSError), path.open("rb") as file:
-        file.seek(max(0, file.seek(0, os.SEEK_END) - _TAIL))
-        for line in reversed(file.read().split(b"\n")):
-            with suppress(ValueError, KeyError, TypeError):
-                return int(json.loads(line)["t_ns"])
+        size, tail = file.seek(0, os.SEEK_END), _TAIL
+        while True:
+            file.seek(max(0, size - tail))
+            for line in reversed(file.read().split(b"\n")):
+                if b'"t_ns"' in line:
+                    with suppress(ValueError, KeyError, TypeError):
+                        return int(json.loads(line)["t_ns"])
+            if tail >= size:
+                break
+            tail *= 2
     return -1
 
 
