@@ -16,7 +16,7 @@ from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge import writer
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
-from amaze_autonomy.bags.recover.recover import recover, recover_in_place, restore, undo_path
+from amaze_autonomy.bags.recover.recover import read_undo, recover, recover_in_place, restore, undo_path, write_undo
 from amaze_autonomy.bags.recover.scan import scan
 
 
@@ -39,6 +39,22 @@ def whole(request, tmp_path_factory):
 def active(tmp_path, whole):
     """What a killed recorder left; its last message is cut."""
     return unclosed(whole, tmp_path / "flight.bag.active", 40)
+
+
+def short(path, tag, count):
+    """Write what a recorder left that was killed before its first chunk was whole."""
+    closed = bag(path.with_name("closed"), rows("/a", count, tag=tag), chunk_bytes=1 << 20)
+    unclosed(closed, path, 20)
+    closed.unlink()
+    return path
+
+
+@pytest.fixture(params=[*COMPRESSIONS, "one chunk"])
+def killed(request, tmp_path, tmp_path_factory):
+    """What a killed recorder left of several chunks, or of one: nothing of that stays where it is."""
+    if request.param == "one chunk":
+        return short(tmp_path / "flight.bag.active", "", 500)
+    return unclosed(recording(tmp_path_factory.mktemp("whole"), request.param), tmp_path / "flight.bag.active", 40)
 
 
 def names(folder):
@@ -98,34 +114,34 @@ def test_a_good_bag_with_the_name_of_an_open_one_gets_its_own(tmp_path, whole):
     assert digest(final) == digest(whole)
 
 
-def test_killed_at_any_moment_the_original_can_be_made_again(tmp_path, active):
-    before, final = digest(active), tmp_path / "flight.bag"
-    for call in every_kill(lambda: recover_in_place(active)):
+def test_killed_at_any_moment_the_original_can_be_made_again(tmp_path, killed):
+    before, final = digest(killed), tmp_path / "flight.bag"
+    for call in every_kill(lambda: recover_in_place(killed)):
         if undo_path(final).exists():
-            assert restore(final) == active, call
-        assert digest(active) == before, call
+            assert restore(final) == killed, call
+        assert digest(killed) == before, call
         assert not final.exists()
 
 
-def test_killed_at_any_moment_the_next_try_finishes(tmp_path, active):
-    copied = digest(recover(active, tmp_path / "copied.bag").path)
-    original, final = active.read_bytes(), tmp_path / "flight.bag"
-    for call in every_kill(lambda: recover_in_place(active)):
+def test_killed_at_any_moment_the_next_try_finishes(tmp_path, killed):
+    copied = digest(recover(killed, tmp_path / "copied.bag").path)
+    original, final = killed.read_bytes(), tmp_path / "flight.bag"
+    for call in every_kill(lambda: recover_in_place(killed)):
         if not final.exists():
-            recover_in_place(active)
+            recover_in_place(killed)
         assert digest(final) == copied, call
         assert left_over(tmp_path) == []
         assert restore(final).read_bytes() == original, call
 
 
-def test_an_undo_that_is_killed_can_be_done_again(tmp_path, active):
-    original, final = active.read_bytes(), tmp_path / "flight.bag"
-    recover_in_place(active)
+def test_an_undo_that_is_killed_can_be_done_again(tmp_path, killed):
+    original, final = killed.read_bytes(), tmp_path / "flight.bag"
+    recover_in_place(killed)
     for call in every_kill(lambda: restore(final)):
         if undo_path(final).exists():
             restore(final)
-        assert active.read_bytes() == original, call
-        recover_in_place(active)
+        assert killed.read_bytes() == original, call
+        recover_in_place(killed)
 
 
 def test_a_half_changed_bag_is_not_recovered_by_copying(tmp_path, active):
@@ -210,6 +226,41 @@ def test_an_undo_file_of_another_bag_or_a_damaged_one_changes_nothing(tmp_path, 
     with pytest.raises(BagError, match=r"is for flight\.bag\.active, of which there is nothing here"):
         restore(undo)
     assert digest(tmp_path / "kept.bag") == after
+
+
+@pytest.mark.parametrize("before", [1, 5, 900])
+@pytest.mark.parametrize("kept_open", [True, False])
+def test_the_undo_file_of_a_bag_that_was_moved_away_harms_no_new_one_of_its_name(tmp_path, before, kept_open):
+    """Where no chunk stays as it is, nothing before the new end tells one bag from another."""
+    active, final = tmp_path / "flight.bag.active", tmp_path / "flight.bag"
+    recover_in_place(short(active, "monday", before))
+    final.rename(tmp_path / "monday.bag")
+    short(active, "tuesday", 100)
+    if not kept_open:
+        recover(active, final)
+        active.unlink()
+    tuesday = active if kept_open else final
+    data = tuesday.read_bytes()
+    with pytest.raises(BagError, match=r"flight\.bag\.undo: belongs to another bag"):
+        restore(tuesday)
+    with pytest.raises(BagError, match=r"flight\.bag\.undo: exists, of an earlier recovery"):
+        recover_in_place(tuesday)
+    copied = recover(tuesday, tmp_path / "tuesday.bag").path
+    assert len(contents(copied)) == 99
+    assert tuesday.read_bytes() == data
+
+
+def test_an_undo_file_of_before_that_does_not_know_the_new_end_needs_a_chunk_that_stayed_to_prove_the_bag(
+    tmp_path, active
+):
+    for bag_left, proven in ((active, True), (short(tmp_path / "short.bag.active", "", 5), False)):
+        before, done = digest(bag_left), recover_in_place(bag_left)
+        write_undo(done.path, read_undo(undo_path(done.path))._replace(new=None))
+        if proven:
+            assert digest(restore(done.path)) == before
+        else:
+            with pytest.raises(BagError, match="belongs to another bag"):
+                restore(done.path)
 
 
 def test_the_command_line_does_and_undoes_it(tmp_path, active, capsys):

@@ -235,7 +235,8 @@ def _change(path: Path, final: Path, found: Scan, place: int) -> int:
         raise BagError(str(path), f"cannot be written ({error.strerror})", _COPY) from error
     try:
         end, header = _new_end(file, found, place)
-        write_undo(final, Undo.of(file, path.name, place)._replace(lost=found.lost, lost_inside=found.lost_inside))
+        undo = Undo.of(file, path.name, place)
+        write_undo(final, undo._replace(lost=found.lost, lost_inside=found.lost_inside, new=end))
         _put(file, place, end)
         os.ftruncate(file, place + len(end))
         os.fsync(file)
@@ -331,6 +332,7 @@ class Undo(NamedTuple):
         end: all from that place on.
         lost: messages that the recovery could not keep; None when nobody knows how many.
         lost_inside: those of them that were not lost at the end; likewise.
+        new: what the end became, and so a proof of the bag; None in a file that an earlier version wrote.
     """
 
     name: str
@@ -341,6 +343,7 @@ class Undo(NamedTuple):
     end: bytes
     lost: Optional[int] = None
     lost_inside: Optional[int] = 0
+    new: Optional[bytes] = None
 
     @classmethod
     def of(cls, file: int, name: str, place: int) -> Undo:
@@ -355,6 +358,29 @@ class Undo(NamedTuple):
 def _before(file: int, place: int) -> int:
     begin = max(FIRST_RECORD, place - _BEFORE)
     return zlib.crc32(os.pread(file, place - begin, begin))
+
+
+def _is_of(undo: Undo, file: int) -> bool:
+    """Return whether an open file is the one that was, or was to be, changed.
+
+    However far that, or undoing it, came, each bit of its end is the old one or the new one. Bags of other recordings
+    have none of their times.
+    """
+    size = os.fstat(file).st_size - undo.place
+    if size < 0 or _before(file, undo.place) != undo.before:
+        return False
+    if undo.new is None:
+        return undo.place > FIRST_RECORD  # else there was nothing before that could show it
+    if size > max(len(undo.end), len(undo.new)):
+        return False
+    now, old, new = (int.from_bytes(each, "little") for each in (os.pread(file, size, undo.place), undo.end, undo.new))
+    return (now ^ old) & (now ^ new) == 0
+
+
+def _difference(one: bytes, other: bytes) -> bytes:
+    """Return what makes each of the two of the other one; most of it is zeros where an end only gets an index."""
+    difference = int.from_bytes(one, "little") ^ int.from_bytes(other, "little")
+    return difference.to_bytes(max(len(one), len(other)), "little")
 
 
 def undo_path(bag: Path) -> Path:
@@ -372,11 +398,17 @@ def is_interrupted(bag: Path) -> bool:
         BagError: Its undo file is damaged.
     """
     path = undo_path(bag)
-    if not path.exists() or read_undo(path).name != bag.name:
+    if not path.exists():
+        return False
+    undo = read_undo(path)
+    if undo.name != bag.name:
         return False
     try:
+        with bag.open("rb") as file:
+            if not _is_of(undo, file.fileno()):
+                return False
         Index(bag).close()
-    except BagError:
+    except (OSError, BagError):
         return True
     return bag.name.endswith(".active")
 
@@ -386,8 +418,13 @@ def write_undo(bag: Path, undo: Undo) -> None:
     path = undo_path(bag)
     facts = {"file": undo.name, "size": undo.size, "place": undo.place, "before": undo.before, "lost": undo.lost}
     facts["lost_inside"] = undo.lost_inside
-    text = json.dumps({**facts, "crc": zlib.crc32(undo.end, zlib.crc32(undo.head))}).encode()
-    write_whole(path, [_MAGIC, _LENGTH.pack(len(text)), text, undo.head, undo.end])
+    data = [undo.head, undo.end]
+    if undo.new is not None:
+        facts["new"] = len(undo.new)
+        data.append(zlib.compress(_difference(undo.end, undo.new), 1))
+    body = b"".join(data)
+    text = json.dumps({**facts, "crc": zlib.crc32(body)}).encode()
+    write_whole(path, [_MAGIC, _LENGTH.pack(len(text)), text, body])
 
 
 def read_undo(path: Path) -> Undo:
@@ -402,22 +439,26 @@ def read_undo(path: Path) -> Undo:
         length = _LENGTH.unpack_from(raw, len(_MAGIC))[0]
         facts = json.loads(raw[start : start + length])
         begin = start + length + FIRST_RECORD
+        behind = begin + int(facts["size"]) - int(facts["place"])
         undo = Undo(
             str(facts["file"]),
             int(facts["size"]),
             int(facts["place"]),
             int(facts["before"]),
             raw[start + length : begin],
-            raw[begin:],
+            raw[begin:behind],
             facts.get("lost"),
             facts.get("lost_inside", 0),  # one that an earlier version wrote says nothing of it
         )
-        good = raw.startswith(_MAGIC) and zlib.crc32(undo.end, zlib.crc32(undo.head)) == facts["crc"]
+        good = raw.startswith(_MAGIC) and zlib.crc32(raw[start + length :]) == facts["crc"]
         good = good and len(undo.end) == undo.size - undo.place and Path(undo.name).name == undo.name != ""
+        if good and "new" in facts:
+            new = _difference(undo.end, zlib.decompress(raw[behind:]))[: facts["new"]]
+            undo = undo._replace(new=new)
     except OSError as error:
         wrong = f"is no undo file, it cannot be read ({error.strerror})"
         raise BagError(str(path), wrong, "name the bag that was recovered in place") from error
-    except (ValueError, KeyError, TypeError, struct.error) as error:
+    except (ValueError, KeyError, TypeError, struct.error, zlib.error) as error:
         raise BagError(str(path), f"is no undo file ({error})", "name the bag that was recovered in place") from error
     if not good:
         raise BagError(str(path), "is damaged", "the bag was recovered as far as it could be; keep it")
@@ -464,7 +505,7 @@ def _current(path: Path, original: Path) -> Path:
 
 
 def _write_back(file: int, undo: Undo, path: Path) -> None:
-    if os.fstat(file).st_size < undo.place or _before(file, undo.place) != undo.before:
+    if not _is_of(undo, file):
         raise BagError(str(path), "belongs to another bag", "put the bag beside it that was recovered in place")
     for place, data in ((undo.place, undo.end), (0, undo.head)):
         view = memoryview(data)
