@@ -38,11 +38,12 @@ def test_impossible_exchanges_are_left_out():
     assert best([Exchange(10, 0, 100, 20), Exchange(0, 10, 5, 30)]) is None
 
 
-def test_record_times_are_corrected_by_the_mean_of_start_and_stop():
+def test_record_times_are_corrected_by_the_mean_of_all_offsets():
     start, stop = Offset(3 * S, 10, 0), Offset(3 * S + 2 * MS, 10, 0)
-    assert correction_ns(start, stop) == -(3 * S + MS)
-    assert correction_ns(start, None) == -3 * S
-    assert correction_ns(None, None) == 0
+    assert correction_ns([start, stop]) == -(3 * S + MS)
+    assert correction_ns([start, start, start, stop]) == -(3 * S + MS // 2)
+    assert correction_ns([start]) == -3 * S
+    assert correction_ns([]) == 0
 
 
 @pytest.mark.parametrize("minutes", [0, 10, 60])
@@ -50,7 +51,7 @@ def test_clocks_that_drift_apart_as_crystals_do_or_are_slewed_by_ntp_were_not_st
     later_ns = minutes * 60 * S
     start, stop = Offset(-S, 3 * MS, S), Offset(-S + later_ns * 500 // 1_000_000 + 100 * MS, 2 * MS, S + later_ns)
     assert clock_step_ns([start, stop]) == clock_step_ns([]) == clock_step_ns([stop]) == 0
-    assert correction_ns(start, stop) == -(start.offset_ns + stop.offset_ns) // 2
+    assert correction_ns([start, stop]) == -(start.offset_ns + stop.offset_ns) // 2
 
 
 def test_what_a_busy_network_makes_uncertain_is_no_step():
@@ -63,4 +64,13 @@ def test_what_a_busy_network_makes_uncertain_is_no_step():
 def test_offsets_that_contradict_each_other_correct_nothing(step_ns):
     start, stop = Offset(3 * S, 10, 100 * S), Offset(3 * S + step_ns, 10, 700 * S)
     assert clock_step_ns([start, stop]) == clock_step_ns([stop, start]) == abs(step_ns)
-    assert correction_ns(start, stop) == 0
+    assert correction_ns([start, stop]) == 0
+
+
+def test_a_step_between_two_recordings_of_a_session_is_not_taken_for_the_drift_of_its_whole_time():
+    hour_ns = 3600 * S
+    first = [Offset(0, 10, 0), Offset(0, 10, hour_ns)]
+    second = [Offset(S, 10, hour_ns + 60 * S), Offset(S + 500 * MS, 10, 2 * hour_ns)]
+    assert clock_step_ns(first) == clock_step_ns(second) == 0
+    assert clock_step_ns([*first, *second]) == S
+    assert correction_ns([*first, *second]) == 0

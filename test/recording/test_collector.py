@@ -529,6 +529,27 @@ def test_a_clock_that_could_not_be_measured_is_asked_for_again():
     assert len(fleet.asked(MeasureClock)) == 3
 
 
+@pytest.mark.parametrize("killed", [False, True])
+def test_the_clocks_of_a_session_that_goes_on_after_its_end_are_measured_again(killed):
+    """The other computer may have been started anew meanwhile, with another clock."""
+    fleet = merging()
+    for when in ("start", "stop"):
+        fleet.collector.clock_measured("second", when, Offset(0, 1, 5))
+    fleet.collector.job_ended(fleet.now_ns, "", SUMMARY)
+    assert fleet.start() == Answer(accepted=True)
+    if killed:
+        memory = json.loads(json.dumps(fleet.collector.memory()))
+        fleet.collector = Collector(fleet.collector.setup)
+        fleet.collector.remember(fleet.now_ns, memory)
+    fleet.go_on(2.0)
+    fleet.stop()
+    fleet.go_on(2.0)
+    moments = ["start", "stop", "start-2", "stop-2"]
+    assert [each.when for each in fleet.asked(MeasureClock)] == moments
+    fleet.collector.clock_measured("second", "start-2", Offset(3600 * S, 1, 9))
+    assert list(fleet.collector.views["second"].offsets) == moments[:3]
+
+
 def test_another_process_goes_on_where_this_one_was_killed():
     fleet = merging()
     fleet.collector.clock_measured("second", "start", Offset(3_000_000_000, 100, 5))

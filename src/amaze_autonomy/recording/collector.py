@@ -21,6 +21,7 @@ the shortest round trip counts.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.events import RecordingPhase as Phase
@@ -97,24 +98,23 @@ _LEAST_STEP_NS = 100_000_000  # chrony slews faster, to take away a little offse
 
 def clock_step_ns(offsets: Sequence[Offset]) -> int:
     """Return by how much offsets of one clock contradict each other: it was stepped meanwhile. 0: it only drifted."""
-    if not offsets:
-        return 0
-    least = min(offsets, key=lambda each: each.offset_ns)
-    most = max(offsets, key=lambda each: each.offset_ns)
-    drift_ns = abs(most.at_ns - least.at_ns) * _DRIFT_PPM // 1_000_000
-    step_ns = most.offset_ns - least.offset_ns
-    return step_ns if step_ns > _LEAST_STEP_NS + least.error_ns + most.error_ns + drift_ns else 0
+    return max((_contradiction_ns(one, other) for one, other in combinations(offsets, 2)), default=0)
 
 
-def correction_ns(start: Optional[Offset], stop: Optional[Offset]) -> int:
-    """Return what is to be added to a platform's record times: minus the offset, the mean where it was taken twice.
+def _contradiction_ns(one: Offset, other: Offset) -> int:
+    drift_ns = abs(one.at_ns - other.at_ns) * _DRIFT_PPM // 1_000_000
+    step_ns = abs(one.offset_ns - other.offset_ns)
+    return step_ns if step_ns > _LEAST_STEP_NS + one.error_ns + other.error_ns + drift_ns else 0
+
+
+def correction_ns(offsets: Sequence[Offset]) -> int:
+    """Return what is to be added to a platform's record times: minus the mean of the offsets of its clock.
 
     Nothing where the clock was stepped in between: nobody knows when, and what is right before is wrong after it.
     """
-    known = [each for each in (start, stop) if each is not None]
-    if not known or clock_step_ns(known):
+    if not offsets or clock_step_ns(offsets):
         return 0
-    return -(sum(each.offset_ns for each in known) // len(known))
+    return -(sum(each.offset_ns for each in offsets) // len(offsets))
 
 
 # --- one platform as the collector sees it ----------------------------------------------------------------------------
@@ -251,6 +251,7 @@ class Collector:
         self._copied = self._uncollected = False
         self._fetches = 0
         self._summary: Mapping[str, Any] = {}
+        self._begun = 0  # how often the session was: it may go on after its end
         self.stopped_ns: Optional[int] = None
         self.flights: Optional[List[List[Optional[int]]]] = None  # from takeoff to landing; None: nobody said
         self._engine_ns: Optional[int] = None
@@ -273,6 +274,8 @@ class Collector:
             self.views = {name: view.fresh() for name, view in self.views.items()}
             self.location, self._copied, self._summary = "", False, {}
             self.flights = self._engine_ns = None
+            self._begun = 0
+        self._begun += 1
         self.session_id, self.mission_id, self.stopped_ns = session_id, mission_id, None
         self._uncollected = False
         for view in self.views.values():
@@ -568,6 +571,8 @@ class Collector:
         return Ask(view.name, verb, session_id)
 
     def _measure(self, view: PlatformView, when: str) -> List[Command]:
+        """Measure a clock, once at each start and stop: a computer may come back with another one."""
+        when = when if self._begun == 1 else f"{when}-{self._begun}"
         if view.name == self.setup.own or when in view.measured or self._t_ns < view.measure_again_ns:
             return []
         view.measured.append(when)
@@ -645,6 +650,7 @@ class Collector:
         return {
             "session_id": self.session_id,
             "mission_id": self.mission_id,
+            "begun": self._begun,
             "phase": self.phase.name,
             "location": self.location,
             "message": self._message,
@@ -661,6 +667,7 @@ class Collector:
         for name, value in memory["platforms"].items():
             if name in self.views:
                 self.views[name] = PlatformView.of_memory(name, value)
+        self._begun = int(memory.get("begun", 1))
         phase = Phase[memory["phase"]]
         if phase is Phase.RECOVERING:
             phase = Phase.STOPPING

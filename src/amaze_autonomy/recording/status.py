@@ -177,7 +177,12 @@ class Ask:
 
 @dataclass(frozen=True)
 class MeasureClock:
-    """Measure the offset of a platform's clock, at the `start` or at the `stop` of the recording."""
+    """Measure the offset of a platform's clock.
+
+    Args:
+        platform: its name.
+        when: `start` or `stop` of the recording; `start-2` and so on where it went on after its end.
+    """
 
     platform: str
     when: str

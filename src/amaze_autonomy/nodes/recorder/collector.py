@@ -408,7 +408,7 @@ class Collection:
         """Return what the job is told of a platform's part."""
         view, own = collector.views[name], name == collector.setup.own
         in_place = own or (self.transfers[name].by == "here" and not misplaced(view.part.location, folder / name))
-        correction = correction_ns(view.offsets.get("start"), view.offsets.get("stop"))
+        correction = correction_ns(list(view.offsets.values()))
         return {
             "platform": name,
             "folder": view.part.location if in_place else str(folder / name),
