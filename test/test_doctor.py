@@ -304,6 +304,134 @@ def test_services_that_nobody_offers_and_those_of_others(shipped, healthy):
     ]
 
 
+PLANNER = ("mission_planner/load", "mission_planner/command")
+TO_MINE = {f"/{name}": f"/my_planner/{name.split('/')[1]}" for name in PLANNER}
+
+
+def with_a_planner_of_its_own(graph):
+    """Return the graph with a planner that offers our services under names of its own."""
+    services = {name: each for name, each in graph.services.items() if name not in PLANNER}
+    others = (
+        *(SeenService(TO_MINE[f"/{name}"], graph.services[name].kind, "/my_planner") for name in PLANNER),
+        SeenService("/my_planner/reset", "std_srvs/Trigger", "/my_planner"),
+    )
+    return replace(graph, services=services, others=others)
+
+
+def test_services_of_our_types_under_other_names_are_named_and_no_second_planner_is_started(shipped, healthy):
+    assert bad(shipped, with_a_planner_of_its_own(healthy)) == [
+        Finding(
+            "warning",
+            "mission_planner",
+            "nobody offers /mission_planner/load, /mission_planner/command; of that type are /my_planner/load of "
+            "/my_planner, /my_planner/command of /my_planner",
+            "if remapped, tell doctor, too: mission_planner/load:=/my_planner/load "
+            "mission_planner/command:=/my_planner/command",
+        )
+    ]
+
+
+def test_beside_a_service_of_another_name_nothing_of_the_same_peer_is_to_be_started(shipped, healthy):
+    graph = with_a_planner_of_its_own(healthy)
+    services = {name: each for name, each in graph.services.items() if name != "autopilot/land"}
+    graph = replace(graph, services=services, others=graph.others[:1])
+    assert bad(shipped, graph) == [
+        Finding(
+            "warning",
+            "mission_planner",
+            "nobody offers /mission_planner/load; of that type is /my_planner/load of /my_planner",
+            "if remapped, tell doctor, too: mission_planner/load:=/my_planner/load",
+        ),
+        Finding("warning", "mission_planner", "nobody offers /mission_planner/command: is it remapped, too?"),
+        Finding("warning", "autopilot", "nobody offers /autopilot/land: start the autopilot"),
+    ]
+
+
+def test_of_several_services_of_a_type_the_one_of_the_same_last_name_is_meant(shipped, healthy):
+    graph = with_a_planner_of_its_own(healthy)
+    load = graph.others[0]
+    graph = replace(graph, others=(replace(load, name="/a/other", node="/a"), *graph.others))
+    (found,) = bad(shipped, graph)
+    assert "of that type are /my_planner/load of /my_planner, /my_planner/command" in found.said
+    (found, _) = bad(shipped, replace(graph, others=(graph.others[0], replace(load, name="/b/other", node="/b"))))
+    assert found.said == "nobody offers /mission_planner/load; of that type are /a/other of /a, /b/other of /b"
+    assert found.line == "if remapped, tell doctor, too: mission_planner/load:=ONE_OF_THEM"
+
+
+def test_names_that_are_remapped_are_looked_at_where_they_are(shipped, healthy):
+    topics = {**healthy.topics, "/my_planner/status": SeenTopic(("other/Status",), ("/my_planner",), 3)}
+    topics["/lidar"] = topics.pop("/lrf/range")
+    remapped = {**TO_MINE, "/mission_planner/status": "/my_planner/status", "/lrf/range": "/lidar"}
+    assert [each.said for each in bad(shipped, replace(healthy, topics=topics, remapped=remapped))] == [
+        "/my_planner/status of /my_planner is other/Status, read is amaze_autonomy/MissionStatus"
+    ]
+    graph = replace(healthy, namespace="/uav1/", remapped={"/uav1/watchdog/start": "/safety/start"})
+    assert graph.resolved("watchdog/start") == "/safety/start"
+    assert graph.resolved("/watchdog/start") == "/watchdog/start"
+    assert graph.resolved("lrf/range") == "/uav1/lrf/range"
+
+
+@pytest.mark.parametrize("word", ["a:=", ":=b", "a:=b c", "a:=b:=c", "_rate:=5", "__name:=me", "a:=~b", "1a:=b"])
+def test_what_is_no_remap_is_wrong_use(capsys, word):
+    with pytest.raises(SystemExit) as ended:
+        main(["doctor", f"--remap={word}"])
+    assert ended.value.code == 2
+    said = f"argument --remap: {word!r} is no FROM:=TO of two names\n"
+    assert capsys.readouterr().err.endswith(said)
+
+
+@pytest.mark.parametrize("words", [["--for", "1", "a/b:=/c"], ["a/b:=/c", "--json"], ["--remap", "a/b:=/c", "/d:=e"]])
+def test_a_remap_stands_where_it_does_for_a_node(looking, monkeypatch, words):
+    asked = []
+
+    def look(_for_s, _services, remapped):
+        asked.append(remapped)
+        raise looking.GraphError("nobody is there")
+
+    monkeypatch.setattr(looking, "look", look)
+    assert main(["doctor", *words]) == 3
+    assert asked == [{"a/b": "/c", **({"/d": "e"} if "/d:=e" in words else {})}]
+
+
+class Master:
+    """The list of a master."""
+
+    def __init__(self, services):
+        self._services = services
+
+    def getSystemState(self):  # noqa: N802 - of rosgraph
+        return [], [], [(name, [node]) for name, node in self._services.items()]
+
+    def getTopicTypes(self):  # noqa: N802 - of rosgraph
+        return []
+
+    def lookupService(self, name):  # noqa: N802 - of rosgraph
+        return f"rosrpc://{name}"
+
+
+def test_a_look_resolves_remapped_names_and_asks_for_others_where_a_wanted_one_is_missing(looking, monkeypatch):
+    kinds = {"/mine/load": "amaze_autonomy/LoadMission", "/w/start": "amaze_autonomy/StartWatchdog"}
+    services = {**dict.fromkeys(kinds, "/mine"), "/mine/get_loggers": "/mine", "/mine/set_logger_level": "/mine"}
+    asked = []
+
+    def headers(name, _uri):
+        asked.append(name)
+        return {"type": kinds[name]}
+
+    monkeypatch.setattr(looking, "_begin", lambda: Master(services))
+    monkeypatch.setattr(looking, "_listen", lambda _master, _s: (looking.Heard(), frozenset()))
+    monkeypatch.setattr(looking.rosservice, "get_service_headers", headers)
+    monkeypatch.setattr(looking.rospy, "get_namespace", lambda: "/")
+    graph = looking.look(1.0, ["mission_planner/load", "watchdog/start"], {"watchdog/start": "w/start"})
+    assert graph.services == {"watchdog/start": SeenService("/w/start", kinds["/w/start"], "/mine")}
+    assert graph.others == (SeenService("/mine/load", kinds["/mine/load"], "/mine"),)
+    assert graph.remapped == {"/watchdog/start": "/w/start"}
+    assert sorted(asked) == sorted(kinds)
+    asked.clear()
+    assert looking.look(1.0, ["watchdog/start"], {"watchdog/start": "w/start"}).others == ()
+    assert asked == ["/w/start"]
+
+
 def test_a_status_of_another_type_is_named(shipped, healthy):
     topics = {**healthy.topics, "/watchdog/action": SeenTopic(("watchdog_msgs/ActionStamped",), ("/autonomy",), 3)}
     assert bad(shipped, replace(healthy, topics=topics)) == [

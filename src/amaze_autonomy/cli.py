@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +20,7 @@ OK, WRONG, USAGE, NOBODY = 0, 1, 2, 3
 _RAW = argparse.RawDescriptionHelpFormatter
 _FOR = "seconds to listen for (default: 10)"
 _LONGEST_S = 86400.0
+_REMAP = re.compile(r"(?P<old>[/a-zA-Z][/\w]*):=(?P<new>[/a-zA-Z][/\w]*)", re.ASCII)
 _NO_ROS = "there is no ROS here ({}): source its setup.bash"
 _DESCRIPTION = "Autonomy engine for multicopters with a PX4 autopilot: the commands that need no ROS."
 _STATUSES = """\
@@ -74,6 +76,7 @@ _DOCTOR_EXAMPLES = """\
 examples:
   amaze-autonomy doctor ~/flight/config
   amaze-autonomy doctor --for 20 --json
+  amaze-autonomy doctor ~/flight/config mission_planner/load:=/my_planner/load     as your launch file remaps it
   amaze-autonomy doctor ~/flight/config --platform second     on the computer of that name in recording.yaml
   ROS_NAMESPACE=/amaze amaze-autonomy doctor
   amaze-autonomy doctor ~/flight/config --peers cns
@@ -96,6 +99,11 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
         return _simulate(arguments[1:])
     if arguments[:1] == ["vehicle"]:
         return _vehicle(arguments[1:])
+    if arguments[:1] == ["doctor"]:  # a remap stands among the words as it does for a node
+        pairs = zip(["", *arguments], arguments)
+        arguments = [
+            f"--remap={word}" if before != "--remap" and _REMAP.fullmatch(word) else word for before, word in pairs
+        ]
     options = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command
     return run_command("amaze-autonomy", lambda: command(options), (), wrong=WRONG)
@@ -124,20 +132,7 @@ def _parser() -> argparse.ArgumentParser:
     cns.add_argument("--output", type=expanded, default=Path("amaze_config"), metavar="DIR", help=words)
     cns.set_defaults(command=_import_cns)
 
-    words = "compare a configuration with the graph that runs now, and with this computer"
-    doctor = commands.add_parser("doctor", help=words, description=words, epilog=_DOCTOR_EXAMPLES, formatter_class=_RAW)
-    doctor.add_argument("folder", nargs="?", type=expanded, metavar="FOLDER", help=_FOLDER)
-    doctor.add_argument("--for", type=_seconds, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
-    words = "which of recording.yaml this computer is (default: the collector)"
-    doctor.add_argument("--platform", default="", metavar="NAME", help=words)
-    of_cns = doctor.add_argument_group("beside the CNS Flight Stack, as the arguments of autonomy.launch say")
-    of_cns.add_argument("--peers", choices=["cns"], help="its nodes are peers of our engine")
-    of_cns.add_argument("--cns-peers", type=_names, default=(), metavar="NAMES", help="which of them, with commas")
-    of_cns.add_argument("--serve", choices=["cns"], help="our nodes serve its engine")
-    of_cns.add_argument("--cns-served", type=_names, default=(), metavar="NAMES", help="which of them, with commas")
-    of_cns.add_argument("--cns-namespace", default="", metavar="NAMESPACE", help="that its names are in, e.g. /cns")
-    _add_common(doctor)
-    doctor.set_defaults(command=_doctor)
+    _add_doctor(commands)
 
     words = "write a first configuration of what a recording, or the graph that runs now, shows"
     first = commands.add_parser(
@@ -175,6 +170,14 @@ def _seconds(text: str) -> float:
     return value
 
 
+def _remap(text: str) -> Tuple[str, str]:
+    """Return the name that was, and the one that is."""
+    found = _REMAP.fullmatch(text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is no FROM:=TO of two names")
+    return found["old"], found["new"]
+
+
 def _names(text: str) -> Tuple[str, ...]:
     """Return names with commas between."""
     return tuple(name for name in text.replace(" ", "").split(",") if name)
@@ -182,6 +185,26 @@ def _names(text: str) -> Tuple[str, ...]:
 
 def _layout(examples: str) -> Dict[str, Any]:
     return {"epilog": f"{examples}\n{_STATUSES}", "formatter_class": _RAW}
+
+
+def _add_doctor(commands: Any) -> None:
+    words = "compare a configuration with the graph that runs now, and with this computer"
+    doctor = commands.add_parser("doctor", help=words, description=words, epilog=_DOCTOR_EXAMPLES, formatter_class=_RAW)
+    doctor.add_argument("folder", nargs="?", type=expanded, metavar="FOLDER", help=_FOLDER)
+    doctor.add_argument("--for", type=_seconds, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
+    words = "which of recording.yaml this computer is (default: the collector)"
+    doctor.add_argument("--platform", default="", metavar="NAME", help=words)
+    words = "a name that was remapped, as in your launch file, e.g. mission_planner/load:=/my_planner/load; may be "
+    words += "repeated; FROM:=TO alone is the same"
+    doctor.add_argument("--remap", type=_remap, action="append", default=[], metavar="FROM:=TO", help=words)
+    of_cns = doctor.add_argument_group("beside the CNS Flight Stack, as the arguments of autonomy.launch say")
+    of_cns.add_argument("--peers", choices=["cns"], help="its nodes are peers of our engine")
+    of_cns.add_argument("--cns-peers", type=_names, default=(), metavar="NAMES", help="which of them, with commas")
+    of_cns.add_argument("--serve", choices=["cns"], help="our nodes serve its engine")
+    of_cns.add_argument("--cns-served", type=_names, default=(), metavar="NAMES", help="which of them, with commas")
+    of_cns.add_argument("--cns-namespace", default="", metavar="NAMESPACE", help="that its names are in, e.g. /cns")
+    _add_common(doctor)
+    doctor.set_defaults(command=_doctor)
 
 
 def _add_common(parser: argparse.ArgumentParser) -> None:
@@ -390,7 +413,8 @@ def _doctor(options: argparse.Namespace) -> int:
     except ImportError as error:
         return say_wrong("doctor", _NO_ROS.format(error), NOBODY)
     try:
-        graph = look(options.for_s, [row.name for row in wanted(configuration, arrangement) if row.way is Way.OFFERED])
+        services = [row.name for row in wanted(configuration, arrangement) if row.way is Way.OFFERED]
+        graph = look(options.for_s, services, dict(options.remap))
     except GraphError as error:
         return say_wrong("doctor", str(error), NOBODY)
     findings = (*examine(configuration, graph, arrangement), *examine_host(configuration, platform))

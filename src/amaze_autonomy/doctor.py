@@ -33,6 +33,7 @@ _OFFSET_S, _AHEAD_S = 0.5, 0.05  # of stamps on arrival: old by a clock or a dri
 _RUN_S = 8.0
 _CLOCK_S = 0.05  # off from the time server
 _IMU = "sensor_msgs/Imu"
+_OF_EVERYBODY = ("std_srvs", "mavros_msgs")  # types that do not tell a peer; mavros elsewhere is a key, no remap
 _ONE_OF_THEM = "stop or rename one of them"
 _RANGE_TYPES: Mapping[RangeSource, str] = {
     RangeSource.RANGE: "sensor_msgs/Range",
@@ -96,6 +97,8 @@ class Graph:
         offered: names of all services.
         md5s: of types as they are on this computer, of those that were seen and are here.
         listened_s: for so long was listened to each topic.
+        remapped: names that are others than in the code, as they are in the graph without a remap and with it.
+        others: services that are offered and are none of the wanted; looked at where a wanted one is not offered.
     """
 
     topics: Mapping[str, SeenTopic]
@@ -109,10 +112,18 @@ class Graph:
     offered: FrozenSet[str] = frozenset()
     md5s: Mapping[str, str] = field(default_factory=dict)
     listened_s: float = 10.0
+    remapped: Mapping[str, str] = field(default_factory=dict)
+    others: Tuple[SeenService, ...] = ()
 
     def resolved(self, name: str) -> str:
-        """Return the name that a name of the configuration has in the graph."""
-        return name if name.startswith("/") else self.namespace + name
+        """Return the name that a name of the configuration or of the code has in the graph."""
+        absolute = absolute_name(name, self.namespace)
+        return self.remapped.get(absolute, absolute)
+
+
+def absolute_name(name: str, namespace: str) -> str:
+    """Return a name as it is in a graph without a remap; the namespace has a slash at its end."""
+    return name if name.startswith("/") else namespace + name
 
 
 @dataclass(frozen=True)
@@ -458,26 +469,59 @@ def _of_estimator(configuration: Configuration) -> Iterator[Wanted]:
 def _names(rows: Iterable[Wanted], graph: Graph) -> Iterator[Finding]:
     """Compare names with what runs; those that nobody has come last, together."""
     missing: Dict[Tuple[str, ...], List[str]] = {}
+    renamed: Dict[Tuple[str, str], List[Tuple[Wanted, Tuple[SeenService, ...]]]] = {}
     for row in rows:
-        name, kinds, md5s, nodes = _seen(row, graph)
-        nobody, by, done = row.way.value
-        whose = f"{name} of {', '.join(nodes)}"
-        version = _other_version(md5s, row.md5 or graph.md5s.get(row.kind, ""), done)
-        if not nodes:
-            if row.level:
-                line = row.line or _elsewhere(row, graph)
-                missing.setdefault((row.level, row.about, nobody, row.start, line), []).append(name)
-        elif kinds != (row.kind,):
-            line = "rename or remap one of them" + ", or start one stack in a namespace" * (row.way is not Way.OFFERED)
-            yield Finding(WRONG, row.about, f"{whose} is {', '.join(kinds)}, {done} is {row.kind}", line)
-        elif version:
-            yield Finding(WRONG, row.about, f"{whose} is {row.kind} {version}", _same(row.kind))
-        elif row.talks and graph.topics[name].count == 0:
-            yield Finding(WRONG, row.about, f"{whose} is silent")
+        name, _, _, nodes = _seen(row, graph)
+        others = () if nodes else _others(row, graph)
+        if nodes:
+            yield from _had(row, graph)
+        elif others:
+            renamed.setdefault((row.level, row.about), []).append((row, others))
         elif row.level:
-            yield Finding(GOOD, row.about, f"{name} {by} {', '.join(nodes)}")
+            line = row.line or _elsewhere(row, graph)
+            missing.setdefault((row.level, row.about, row.way.value[0], row.start, line), []).append(name)
+    for (level, about), found in renamed.items():
+        yield _renamed(level, about, found, graph)
+    peers = {about for _, about in renamed}  # of each another one may run: a second sender is not to be started
     for (level, about, nobody, start, line), names in missing.items():
-        yield Finding(level, about, f"{nobody} {', '.join(names)}: start {start}", line)
+        to_do = "is it remapped, too?" if about in peers else f"start {start}"
+        yield Finding(level, about, f"{nobody} {', '.join(names)}: {to_do}", line)
+
+
+def _had(row: Wanted, graph: Graph) -> Iterator[Finding]:
+    """Judge a name that somebody has."""
+    name, kinds, md5s, nodes = _seen(row, graph)
+    _, by, done = row.way.value
+    whose = f"{name} of {', '.join(nodes)}"
+    version = _other_version(md5s, row.md5 or graph.md5s.get(row.kind, ""), done)
+    if kinds != (row.kind,):
+        line = "rename or remap one of them" + ", or start one stack in a namespace" * (row.way is not Way.OFFERED)
+        yield Finding(WRONG, row.about, f"{whose} is {', '.join(kinds)}, {done} is {row.kind}", line)
+    elif version:
+        yield Finding(WRONG, row.about, f"{whose} is {row.kind} {version}", _same(row.kind))
+    elif row.talks and graph.topics[name].count == 0:
+        yield Finding(WRONG, row.about, f"{whose} is silent")
+    elif row.level:
+        yield Finding(GOOD, row.about, f"{name} {by} {', '.join(nodes)}")
+
+
+def _renamed(level: str, about: str, found: Sequence[Tuple[Wanted, Tuple[SeenService, ...]]], graph: Graph) -> Finding:
+    """Say of services that nobody offers which others are of their types: those of a peer that was remapped."""
+    nobody = ", ".join(graph.resolved(row.name) for row, _ in found)
+    those = [f"{each.name} of {each.node}" for _, others in found for each in others]
+    said = f"{nobody}; of that type {'is' if len(those) == 1 else 'are'} {', '.join(those)}"
+    words = [f"{row.name}:={others[0].name if len(others) == 1 else 'ONE_OF_THEM'}" for row, others in found]
+    line = f"if remapped, tell doctor, too: {' '.join(words)}"
+    return Finding(level, about, f"{Way.OFFERED.value[0]} {said}", line)
+
+
+def _others(row: Wanted, graph: Graph) -> Tuple[SeenService, ...]:
+    """Return the services of the type of one that nobody offers, those of its last name before all others."""
+    if row.way is not Way.OFFERED or row.kind.split("/")[0] in _OF_EVERYBODY:
+        return ()
+    those = tuple(sorted((each for each in graph.others if each.kind == row.kind), key=lambda each: each.name))
+    last = row.name.split("/")[-1]
+    return tuple(each for each in those if each.name.split("/")[-1] == last) or those
 
 
 def _seen(row: Wanted, graph: Graph) -> Tuple[str, Tuple[str, ...], Tuple[str, ...], Tuple[str, ...]]:

@@ -24,7 +24,7 @@ import rosservice
 from rosgraph.network import ROSHandshakeException
 
 from ..bags.errors import UndecodableError
-from ..doctor import Graph, SeenService, SeenTopic
+from ..doctor import Graph, SeenService, SeenTopic, absolute_name
 from .errors import CallError
 from .liveness import call
 from .rospy_flaws import mend_rospy
@@ -33,6 +33,7 @@ _S = 1_000_000_000
 _KEPT_BYTES, _KEPT = 4096, 2000  # of a topic: its small messages; of a larger one the first alone
 _STAMP = struct.Struct("<II")
 _LIMIT_S, _ASKED_AT_ONCE = 0.5, 16  # of nodes, whether they live
+_OF_EVERY_NODE = ("/get_loggers", "/set_logger_level")
 
 
 _Entry = Tuple[int, Optional[bytes], str, str]  # when, the message, its type, its publisher
@@ -147,7 +148,8 @@ def _begin() -> Any:
         raise GraphError(f"no ROS master answers at {rosgraph.get_master_uri()}: start it, or set ROS_MASTER_URI")
     if not rospy.core.is_initialized():
         mend_rospy()
-        rospy.init_node("amaze_looks", anonymous=True, disable_signals=True, disable_rosout=True)
+        # Without the words of the command line: rospy would listen to a topic under the name of its remap.
+        rospy.init_node("amaze_looks", argv=[], anonymous=True, disable_signals=True, disable_rosout=True)
     return rosgraph.Master(rospy.get_name())
 
 
@@ -192,12 +194,13 @@ def _gone(nodes: Iterable[str]) -> FrozenSet[str]:
         return frozenset(node for node, alive in zip(ordered, pool.map(answers, ordered)) if not alive)
 
 
-def look(for_s: float, services: Sequence[str]) -> Graph:
+def look(for_s: float, services: Sequence[str], remapped: Optional[Mapping[str, str]] = None) -> Graph:
     """Look at the graph for some seconds.
 
     Args:
         for_s: to listen for.
         services: of which the types are wanted, as they are named in the code.
+        remapped: names in the code or the configuration, each with the one that it has instead.
 
     Raises:
         GraphError: There is no master.
@@ -207,9 +210,13 @@ def look(for_s: float, services: Sequence[str]) -> Graph:
     published, subscribed, offered = (_others(rows, gone) for rows in master.getSystemState())
     declared = dict(master.getTopicTypes())
     topics = {topic: _topic(heard, topic, declared.get(topic, "?"), nodes) for topic, nodes in published.items()}
-    resolved = {name: rospy.resolve_name(name) for name in services}
+    namespace = rospy.get_namespace()
+    names = {absolute_name(old, namespace): absolute_name(new, namespace) for old, new in (remapped or {}).items()}
+    absolute = {name: absolute_name(name, namespace) for name in services}
+    resolved = {name: names.get(each, each) for name, each in absolute.items()}
     asked = {name: found for name, found in resolved.items() if found in offered}
-    found = {name: _service(master, each, offered[each][0]) for name, each in asked.items()}
+    found = {name: _service(each, offered[each][0], _uri(master, each)) for name, each in asked.items()}
+    others = {name: nodes[0] for name, nodes in offered.items() if name not in asked.values()}
     host = urlparse(rosgraph.get_master_uri()).hostname or ""
     local = host in ("localhost", "127.0.0.1", "::1")
     return Graph(
@@ -217,7 +224,7 @@ def look(for_s: float, services: Sequence[str]) -> Graph:
         services=found,
         nodes=frozenset(node for rows in (published, subscribed, offered) for each in rows.values() for node in each),
         gone=gone,
-        namespace=rospy.get_namespace(),
+        namespace=namespace,
         master_host=host,
         named=local or bool(os.environ.get("ROS_IP") or os.environ.get("ROS_HOSTNAME")),
         listeners=subscribed,
@@ -227,6 +234,8 @@ def look(for_s: float, services: Sequence[str]) -> Graph:
             **_md5s(roslib.message.get_service_class, (each.kind for each in found.values())),
         },
         listened_s=for_s,
+        remapped=names,
+        others=_services(master, others) if len(asked) < len(resolved) else (),
     )
 
 
@@ -236,11 +245,27 @@ def _others(rows: Iterable[Tuple[str, List[str]]], gone: FrozenSet[str]) -> Dict
     return {name: nodes for name, nodes in others.items() if nodes}
 
 
-def _service(master: Any, name: str, node: str) -> SeenService:
+def _services(master: Any, nodes: Mapping[str, str]) -> Tuple[SeenService, ...]:
+    """Return services with their types, but those that every node has; many are asked at once: some may hang."""
+    names = sorted(name for name in nodes if not name.endswith(_OF_EVERY_NODE))
+    uris = [_uri(master, name) for name in names]
+    with ThreadPoolExecutor(_ASKED_AT_ONCE) as pool:
+        return tuple(pool.map(_service, names, (nodes[name] for name in names), uris))
+
+
+def _uri(master: Any, name: str) -> str:
+    """Return the address of a service; empty where it has ended since."""
+    try:
+        return str(master.lookupService(name))
+    except (OSError, rosgraph.MasterException):
+        return ""
+
+
+def _service(name: str, node: str, uri: str) -> SeenService:
     """Return a service with its type, as its node says it; unknown where it has ended since, or hangs."""
     try:
-        header = rosservice.get_service_headers(name, master.lookupService(name))
-    except (OSError, rosgraph.MasterException, rosservice.ROSServiceException, ROSHandshakeException):
+        header = rosservice.get_service_headers(name, uri)
+    except (OSError, rosservice.ROSServiceException, ROSHandshakeException):
         header = {}
     return SeenService(name, header.get("type", "?"), node, header.get("md5sum", ""))
 
