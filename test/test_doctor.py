@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -175,6 +176,19 @@ def test_stamps_of_another_time_are_a_clock(shipped, healthy, age_s, said):
     ]
 
 
+@pytest.mark.parametrize("judged", [True, False])
+def test_stamps_of_0_are_named(shipped, healthy, judged):
+    def row(spec):
+        return replace(spec, stamp_tolerance_ns=S // 2) if judged and spec.topic == "/px4/gps" else spec
+
+    rows = tuple(replace(each, topics=tuple(map(row, each.topics))) for each in shipped.components)
+    said = "stamps of /px4/gps are 0: /driver does not say when" + ": it would count as off the clock" * judged
+    line = "in its driver: header.stamp"
+    line += "; or sensors.yaml, components.gps.topics./px4/gps: no stamp_tolerance_s" * judged
+    graph = changed(healthy, "/px4/gps", age_s=None, unstamped=True)
+    assert bad(replace(shipped, components=rows), graph) == [Finding("warning", "gps", said, line)]
+
+
 def test_another_type_is_named_with_the_source_that_reads_it(shipped, healthy):
     graph = changed(healthy, "/lrf/range", kinds=("sensor_msgs/LaserScan",))
     assert bad(shipped, graph) == [
@@ -271,6 +285,18 @@ def test_what_is_heard_knows_who_publishes_which_type(looking):
     assert seen.kinds_of == (("/fast", "sensor_msgs/LaserScan"), ("/slow", "sensor_msgs/Range"))
     assert seen.kinds == ("sensor_msgs/LaserScan", "sensor_msgs/Range")
     assert seen.count == 150
+
+
+@pytest.mark.parametrize("stamps_s, unstamped", [((0, 0, 0), True), ((0, 7, 0), True), ((0, 7, 7), False)])
+def test_stamps_of_0_are_counted_and_have_no_age(looking, stamps_s, unstamped):
+    heard = looking.Heard()
+    header = {"callerid": "/driver", "type": "sensor_msgs/Imu", "message_definition": "Header header\n"}
+    for number, stamp_s in enumerate(stamps_s):
+        message = SimpleNamespace(_connection_header=header, _buff=struct.pack("<IIII", number, stamp_s, 0, 0))
+        heard.take_at(START_NS + number * S, "/imu", message)
+    seen = looking._topic(heard, "/imu", "?", ("/driver",))
+    assert seen.unstamped is unstamped
+    assert seen.age_s == (-7.0 if any(stamps_s) else None)
 
 
 def test_a_node_that_is_not_there_is_named(shipped, healthy):

@@ -60,6 +60,7 @@ class SeenTopic:
         age_s: of their stamps on arrival, the median; None: they have none.
         md5s: of its types, as its publishers say; empty: none said it.
         kinds_of: its publishers, each with the type of its messages, as far as they said it.
+        unstamped: its messages have a header, and most of them a stamp of 0.
     """
 
     kinds: Tuple[str, ...]
@@ -69,6 +70,7 @@ class SeenTopic:
     age_s: Optional[float] = None
     md5s: Tuple[str, ...] = ()
     kinds_of: Tuple[Tuple[str, str], ...] = ()
+    unstamped: bool = False
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,7 @@ def _watched(name: str, spec: TopicSpec, graph: Graph, known: Iterable[str]) -> 
     if seen.rate_hz is None:
         yield _too_few(name, spec, seen, graph.listened_s)
         return
-    stamps = list(_stamps(name, spec.topic, seen))
+    stamps = list(_stamps(name, spec, seen))
     yield from stamps
     off = abs(seen.rate_hz - spec.rate_hz) / spec.rate_hz
     rate_hz = f"{float(f'{seen.rate_hz:.3g}'):g}"  # 1000, not 1e+03, which is no number in YAML
@@ -240,7 +242,14 @@ def _too_few(name: str, spec: TopicSpec, seen: SeenTopic, listened_s: float) -> 
     return Finding(WARNING, name, f"{whose} is too slow to judge in {listened_s:g} s {heard}", line)
 
 
-def _stamps(name: str, topic: str, seen: SeenTopic) -> Iterator[Finding]:
+def _stamps(name: str, spec: TopicSpec, seen: SeenTopic) -> Iterator[Finding]:
+    topic, judged = spec.topic, spec.stamp_tolerance_ns is not None
+    if seen.unstamped:
+        said = f"stamps of {topic} are 0: {', '.join(seen.nodes)} does not say when"
+        line = "in its driver: header.stamp"
+        line += f"; or sensors.yaml, components.{name}.topics.{topic}: no stamp_tolerance_s" * judged
+        yield Finding(WARNING, name, said + ": it would count as off the clock" * judged, line)
+        return
     if seen.age_s is None or -_AHEAD_S <= seen.age_s <= _OFFSET_S:
         return
     clock = f"the clock of the computer of {', '.join(seen.nodes)} is"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import threading
 from io import BytesIO
 from queue import SimpleQueue
@@ -137,6 +138,25 @@ def test_a_look_that_fails_ends_nothing():
     look(memoryview(b"one"))
     look(memoryview(b"two"))
     assert looked == [b"one", b"two"]
+
+
+IMU = {"type": "sensor_msgs/Imu", "message_definition": "Header header\nfloat64 x\n"}
+
+
+@pytest.mark.parametrize("stamp_s, off", [(1000, False), (0, True), (990, True)])
+def test_a_stamp_of_0_is_off_the_clock_where_stamps_are_judged(stamp_s, off):
+    spec = TopicSpec("/imu", 50.0, stamp_tolerance_ns=500 * MS)
+    watchdog = Watchdog((ComponentSpec("imu", severity=Severity.LOW, topics=(spec,)),))
+    watchdog.start(0)
+    watch = TopicWatch("/imu", watchdog, SimpleNamespace(ros_ns=lambda: 1000_000 * MS))
+    watch.use("imu", spec)
+    look = watch.look_for(IMU)
+    for number in range(200):
+        look(memoryview(struct.pack("<IIIId", number, stamp_s, 0, 0, 1.0)))
+        watchdog.add_samples("imu", 20 * MS * (number + 1), 1, "/imu")
+    (status,) = watchdog.evaluate(4000 * MS)
+    assert status.code is (Code.NON_CRITICAL if off else Code.NOMINAL)
+    assert ("off the clock" in status.reason) is off
 
 
 # --- take-off checks --------------------------------------------------------------------------------------------------

@@ -59,6 +59,7 @@ class Heard:
         self._counts: Dict[str, Dict[str, int]] = {}  # of messages by publisher
         self._kinds_of: Dict[str, Dict[str, str]] = {}  # by publisher
         self.ages_s: Dict[str, List[float]] = {}
+        self.unstamped: Dict[str, int] = {}  # messages whose stamp is 0
         self.types: Dict[str, List[Tuple[str, str]]] = {}
 
     def connected(self, topic: str, headers: Iterable[Optional[Mapping[str, str]]]) -> None:
@@ -88,6 +89,8 @@ class Heard:
                 seconds, nanoseconds = _STAMP.unpack_from(raw, 4)
                 if seconds or nanoseconds:
                     self.ages_s.setdefault(topic, []).append(ros_s - seconds - nanoseconds / _S)
+                else:
+                    self.unstamped[topic] = self.unstamped.get(topic, 0) + 1
 
     @property
     def topics(self) -> Tuple[HeardTopic, ...]:
@@ -289,5 +292,6 @@ def _topic(heard: Heard, topic: str, declared: str, nodes: Tuple[str, ...]) -> S
         rate_hz=(len(times) - 1) / span_s if span_s > 0.0 else None,
         age_s=ages[len(ages) // 2] if ages else None,
         md5s=tuple(md5 for _, md5 in types),
+        unstamped=heard.unstamped.get(topic, 0) > len(ages),
         kinds_of=tuple(sorted(each for each in heard.publishers(topic) if each[0] in nodes)),
     )

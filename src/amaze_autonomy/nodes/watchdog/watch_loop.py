@@ -60,11 +60,14 @@ class MessageContent:
         return self._class is not None
 
     def stamp_ns(self, data: memoryview) -> Optional[int]:
-        """Return the stamp of the header; None when there is none, or when it is 0."""
+        """Return the stamp of the header; None when there is none.
+
+        It is for those who ask for stamps to be judged: 0, of a driver that does not stamp, is a stamp like any other.
+        """
         if not self.has_header or len(data) < _STAMP_END:
             return None
         secs, nsecs = _STAMP.unpack_from(data, _SEQUENCE_BYTES)
-        return (secs * _S + nsecs) or None
+        return int(secs) * _S + int(nsecs)
 
     def digest(self, data: memoryview) -> int:
         """Return a digest of the message without its header."""
