@@ -136,6 +136,15 @@ def test_nothing_is_said_of_a_graph_that_is_not_there(capsys, command):
     assert line == f"{command[0]}: no ROS master answers at http://localhost:1: start it, or set ROS_MASTER_URI"
 
 
+@pytest.mark.parametrize("command", [("doctor",), ("propose-config", "--live")])
+@pytest.mark.parametrize("uri", ["127.0.0.1:11977", "localhost:11311", "", "foo://here:1", "http://:1", "http://a:b"])
+def test_an_address_that_no_master_can_have_is_one_line(capsys, monkeypatch, command, uri):
+    pytest.importorskip("rospy", reason="without ROS that is what is said")
+    monkeypatch.setenv("ROS_MASTER_URI", uri)
+    assert cli.main([*command, "--for", "0.1"]) == 3
+    assert capsys.readouterr().err == f"{command[0]}: ROS_MASTER_URI is {uri!r}; must be http://HOST:PORT\n"
+
+
 def test_a_first_configuration_needs_something_to_look_at(capsys):
     assert cli.main(["propose-config"]) == 2
     assert capsys.readouterr().err == "propose-config: name recordings, or say --live\n"

@@ -13,7 +13,7 @@ from amaze_autonomy.msg import AutonomyState, RecordingStatus
 from amaze_autonomy.srv import SelectMission
 
 from amaze_autonomy.console import ros_link
-from amaze_autonomy.console.link import AnswerCame
+from amaze_autonomy.console.link import AnswerCame, LinkClosed
 from amaze_autonomy.console.model import Request, RequestKind, Verdict
 from amaze_autonomy.console.ros_link import RosLink
 from amaze_autonomy.engine.events import UserCommand
@@ -41,6 +41,16 @@ def test_an_id_that_is_no_utf_8_is_answered():
 def test_a_landing_that_is_asked_for_before_there_is_a_connection_is_answered():
     answer = answer_to(Request(RequestKind.COMMAND, 3, UserCommand.LAND), {})
     assert answer == AnswerCame(3, Verdict.NO_ANSWER, "not connected yet")
+
+
+@pytest.mark.parametrize("uri", ["127.0.0.1:11977", "foo://here:1"])
+def test_an_address_that_no_master_can_have_closes_the_link(monkeypatch, uri):
+    monkeypatch.setenv("ROS_MASTER_URI", uri)
+    came = SimpleQueue()
+    link = RosLink(came.put, None, quiet=False)
+    link.start()
+    words = f"No connection to ROS: ROS_MASTER_URI is '{uri}'; must be http://HOST:PORT."
+    assert came.get(timeout=LIMIT_S) == LinkClosed(words, failed=True)
 
 
 class Clock:

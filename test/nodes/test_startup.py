@@ -55,6 +55,18 @@ def test_what_is_no_time_does_not_start(startup, nonsense):
 
 @pytest.mark.live
 @pytest.mark.parametrize("node", ["autonomy", "watchdog", "simulation"])
+def test_an_address_that_no_master_can_have_is_refused_at_once(node, tmp_path):
+    program = Path(__file__).parents[2] / "scripts" / node
+    environment = {**os.environ, "ROS_MASTER_URI": "127.0.0.1:11977", "ROS_HOME": str(tmp_path)}
+    ended = subprocess.run(
+        [sys.executable, str(program)], env=environment, capture_output=True, text=True, timeout=60.0, check=False
+    )
+    said = f"{node}: ROS_MASTER_URI is '127.0.0.1:11977'; must be http://HOST:PORT\n"
+    assert (ended.returncode, ended.stdout, ended.stderr) == (2, "", said)
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("node", ["autonomy", "watchdog", "simulation"])
 def test_ctrl_c_in_the_wait_for_a_master_ends_a_node_without_a_traceback(node, tmp_path):
     program = Path(__file__).parents[2] / "scripts" / node
     environment = {**os.environ, "ROS_MASTER_URI": "http://localhost:1", "ROS_HOME": str(tmp_path)}

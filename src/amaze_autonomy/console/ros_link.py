@@ -27,7 +27,8 @@ from amaze_autonomy.console.model import DEFAULT_ENGINE, STALE_AFTER_S, Request,
 from amaze_autonomy.console.wire import collecting_of, missions_of, notes_of, snapshot_of, verdict_of
 from amaze_autonomy.engine.events import SAFE
 from amaze_autonomy.msg import AutonomyState, OperatorMessages, RecordingStatus
-from amaze_autonomy.ros.errors import CallError, CallTimeoutError, NodeError
+from amaze_autonomy.ros.errors import CallError, CallTimeoutError, NodeError, StartError
+from amaze_autonomy.ros.master_uri import check_master_uri
 from amaze_autonomy.ros.rospy_flaws import mend_rospy
 from amaze_autonomy.ros.service_client import ServiceClient
 from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
@@ -85,12 +86,13 @@ class RosLink(Link):
     # --- in the background ---
 
     def _run(self) -> None:
-        self._wait_for_master()
-        if self._closed.is_set():
-            return
         try:
+            check_master_uri()
+            self._wait_for_master()
+            if self._closed.is_set():
+                return
             self._connect()
-        except (rospy.ROSException, OSError, ValueError) as error:
+        except (StartError, rospy.ROSException, OSError, ValueError) as error:
             self._post(LinkClosed(f"No connection to ROS: {clean(str(error))}.", failed=True))
             return
         while not self._closed.wait(_LOOK_S):

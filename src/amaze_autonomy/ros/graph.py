@@ -25,8 +25,9 @@ from rosgraph.network import ROSHandshakeException
 
 from ..bags.errors import UndecodableError
 from ..doctor import Graph, SeenService, SeenTopic, absolute_name
-from .errors import CallError
+from .errors import CallError, StartError
 from .liveness import call
+from .master_uri import check_master_uri
 from .rospy_flaws import mend_rospy
 
 _S = 1_000_000_000
@@ -147,6 +148,10 @@ def _stamped(definition: str) -> bool:
 
 def _begin() -> Any:
     """Become a node of the graph; return its master."""
+    try:
+        check_master_uri()
+    except StartError as error:
+        raise GraphError(str(error)) from error
     if not rosgraph.is_master_online():
         raise GraphError(f"no ROS master answers at {rosgraph.get_master_uri()}: start it, or set ROS_MASTER_URI")
     if not rospy.core.is_initialized():

@@ -33,6 +33,7 @@ from ..engine.events import Check, Verdict
 from .arguments import NODES, answer_words, configuration_folder, given, overrides, parameter_words
 from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
+from .master_uri import check_master_uri
 from .reconnector import Reconnector
 from .rospy_flaws import ask_master, mend_rospy
 
@@ -331,10 +332,16 @@ def begin(name: str) -> None:
 
     Words to people never fail from here on, and nobody waits for them: see above.
     What is written is for its user and group. A signal in the wait for the master ends it at once, without a traceback.
+    It ends here, with a line, where no master can have the address of ROS_MASTER_URI: that wait would have no end.
 
     Args:
         name: of the node, where nobody gives it another one.
     """
+    try:
+        check_master_uri()
+    except StartError as error:
+        print(f"{name}: {error}", file=sys.stderr, flush=True)
+        sys.exit(_START_ERROR)
     sys.stdout, sys.stderr = Outlet(sys.stdout), Outlet(sys.stderr)  # before rospy keeps both for its log
     atexit.register(say_last_words)
     write_for_user_and_group()
