@@ -829,6 +829,40 @@ def test_time_that_nobody_keeps_is_told(host, says, level):
     assert host(**says)["time"].level == level
 
 
+NOT_COMPARED = "stamps of two computers cannot be compared"
+NEVER_SYNCHRONISED = (
+    "00000000,,0,0.000000000,0.000000000,0.000000000,0.000000000,0.000,0.000,0.000,1.0,1.0,0.0,Not synchronised"
+)
+
+
+@pytest.mark.parametrize(
+    "says, said, line",
+    [
+        (
+            {"chronyc": (0, NEVER_SYNCHRONISED)},
+            "chrony runs, and is not synchronised",
+            "chrony.conf of the near computer: allow, local stratum 10; of the far one: server NEAR iburst",
+        ),
+        (
+            {"chronyc": (1, "506 Cannot talk to daemon")},
+            "chrony is here, and does not answer (506 Cannot talk to daemon)",
+            "systemctl enable --now chrony",
+        ),
+        (
+            {"chronyc": None},
+            "nobody is known to keep the time of this computer",
+            "apt-get install chrony, on each computer",
+        ),
+    ],
+)
+def test_what_is_advised_of_time_is_not_done_already(host, says, said, line):
+    assert host(**says)["time"] == Finding("warning", "time", f"{said}: {NOT_COMPARED}", line)
+
+
+def test_a_time_that_chrony_does_not_know_may_be_kept_by_another(host):
+    assert host(chronyc=(0, NEVER_SYNCHRONISED), timedatectl=(0, "yes"))["time"].level == "good"
+
+
 def test_a_full_disk_is_told(host, monkeypatch):
     monkeypatch.setattr(doctor, "space_of", lambda _: _Space())
     found = host()["storage"]

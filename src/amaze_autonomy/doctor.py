@@ -609,6 +609,7 @@ def _ssh(configuration: Configuration) -> Iterator[Finding]:
 
 def _time() -> Finding:
     """Say whether something keeps the time of this computer: stamps of two computers are compared."""
+    problem, line = "nobody is known to keep the time of this computer", "apt-get install chrony, on each computer"
     if shutil.which("chronyc"):
         status, said = _run(("chronyc", "-c", "tracking"))
         fields = said.split(",")
@@ -616,12 +617,16 @@ def _time() -> Finding:
             offset_s = float(fields[4])
             level = GOOD if abs(offset_s) <= _CLOCK_S else WARNING
             return Finding(level, "time", f"chrony keeps it, {offset_s * 1e3:+.1f} ms off")
+        if status == 0:
+            problem = "chrony runs, and is not synchronised"
+            line = "chrony.conf of the near computer: allow, local stratum 10; of the far one: server NEAR iburst"
+        else:
+            problem, line = f"chrony is here, and does not answer ({said})", "systemctl enable --now chrony"
     if shutil.which("timedatectl"):
         status, said = _run(("timedatectl", "show", "--property=NTPSynchronized", "--value"))
         if status == 0 and said == "yes":
             return Finding(GOOD, "time", "it is synchronised")
-    said = "nobody is known to keep the time of this computer: stamps of two computers cannot be compared"
-    return Finding(WARNING, "time", said, "apt-get install chrony, on each computer")
+    return Finding(WARNING, "time", f"{problem}: stamps of two computers cannot be compared", line)
 
 
 def _run(command: Sequence[str]) -> Tuple[int, str]:
