@@ -311,6 +311,22 @@ def test_a_node_that_is_not_there_is_named(shipped, healthy):
     ]
 
 
+@pytest.mark.parametrize(
+    "publishers, line",
+    [
+        (("/drivers",), "sensors.yaml, components.realsense_camera: node: /drivers"),
+        (("/drivers", "/others"), ""),  # which of them it is nobody knows
+    ],
+)
+def test_a_node_of_no_similar_name_is_the_one_that_publishes_its_topics(shipped, healthy, publishers, line):
+    (component,) = [each for each in shipped.components if each.name == "realsense_camera"]
+    graph = replace(healthy, nodes=healthy.nodes - {"/realsense"} | {*publishers})
+    for spec in component.topics:
+        graph = changed(graph, spec.topic, nodes=publishers)
+    (found,) = [each for each in bad(shipped, graph) if "no node" in each.said]
+    assert found == Finding("wrong", "realsense_camera", "there is no node /realsense", line)
+
+
 def test_services_that_nobody_offers_and_those_of_others(shipped, healthy):
     services = {name: each for name, each in healthy.services.items() if not name.startswith("mission_planner/")}
     services["watchdog/start"] = SeenService("/watchdog/start", "watchdog_msgs/Start", "/watchdog")

@@ -177,7 +177,10 @@ def _components(configuration: Configuration, graph: Graph) -> Iterator[Finding]
         for spec in component.topics:
             yield from _watched(component.name, spec, graph, known)
         if component.node and graph.resolved(component.node) not in graph.nodes:
+            seen = [graph.topics.get(graph.resolved(spec.topic)) for spec in component.topics]
+            publishers = sorted({node for each in seen if each is not None for node in each.nodes})
             close = difflib.get_close_matches(component.node, sorted(graph.nodes), n=1)
+            close = close or (publishers if len(publishers) == 1 else [])
             line = f"sensors.yaml, components.{component.name}: node: {close[0]}" if close else ""
             yield Finding(WRONG, component.name, f"there is no node {component.node}", line)
 
