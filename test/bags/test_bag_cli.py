@@ -326,6 +326,47 @@ def test_inputs_may_be_named_in_any_order_and_may_have_been_moved(capsys, tmp_pa
         assert (status, out) == (0, f"{output}: 220 messages of 3 inputs: verified\n")
 
 
+def other_inputs(tmp_path, two):
+    """Name, for a verified merge of two, inputs that are not those: one, one more, and one that is another one now."""
+    more = bag(tmp_path / "more.bag", rows("/c", 5))
+    yield two[:1]
+    yield [*two, more]
+    yield [two[0], two[0]]
+    Path(two[1]).unlink()
+    bag(Path(two[1]), rows("/b", 30))
+    yield two
+    yield []
+
+
+def test_a_verdict_on_other_inputs_is_shown_and_leaves_the_manifest_as_it_is(capsys, tmp_path, two):
+    """Whoever goes on with a recording finds in it what that was made of, and whether it can be made again."""
+    output = tmp_path / "flight.bag"
+    assert run(capsys, "merge", *two, "-o", output, "--verify")[0] == 0
+    before = manifest_path(output).read_bytes()
+    for inputs in other_inputs(tmp_path, two):
+        status, out, err = run(capsys, "verify", output, *inputs, "--readers", "none")
+        assert (status, out.splitlines()[0][-8:]) == (3, "problems")
+        assert err == f"amaze-bag: {manifest_path(output)}: is of other inputs; the verdict was not written into it\n"
+        assert manifest_path(output).read_bytes() == before
+
+
+def test_a_verdict_on_copies_of_the_inputs_is_kept_and_not_where_these_lie(capsys, tmp_path, two):
+    """The places that a manifest names are those that whoever goes on with a recording looks at."""
+    output = tmp_path / "flight.bag"
+    (tmp_path / "copies").mkdir()
+    shutil.copy(two[0], tmp_path / "twin.bag")
+    inputs = [*two, tmp_path / "twin.bag"]
+    copies = [shutil.copy(path, tmp_path / "copies") for path in inputs]
+    assert run(capsys, "merge", *inputs, "-o", output, "--verify")[0] == 0
+    before = json.loads(manifest_path(output).read_text())
+    good = output.read_bytes()
+    for content, status in ((good.replace(b"/b 7 ", b"/b 8 "), 3), (good, 0)):
+        output.write_bytes(content)
+        assert run(capsys, "verify", output, *copies, "--readers", "none")[::2] == (status, "")
+        after = json.loads(manifest_path(output).read_text())
+        assert (after["verified"]["ok"], after["inputs"]) == (status == 0, before["inputs"])
+
+
 @pytest.mark.parametrize("good", [True, False])
 def test_a_verdict_that_cannot_be_written_is_shown(capsys, tmp_path, two, monkeypatch, good):
     output = tmp_path / "flight.bag"

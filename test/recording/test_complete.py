@@ -8,6 +8,7 @@ from bag_tools import contents, digest, multiset, rows
 from part_tools import FACTS, killed, modes, open_to_others, part, plan, small_storage, two_platforms
 from replay_bags import START_NS, make, write_empty_bag
 
+from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.recording.errors import RecordingError, TransferError
 from amaze_autonomy.recording.job import Plan, Source, collect
@@ -64,6 +65,18 @@ def test_a_recording_whose_parts_are_gone_is_never_written_over(tmp_path):
         "verified; nothing was lost; what was recorded before is in s1_m.bag and s1_m-2.bag"
     )
     assert (digest(session / "s1_m.bag"), manifest(session)["output"]["messages"]) == (first, 900)
+
+
+def test_who_verifies_it_with_the_parts_that_are_left_gives_no_leave_to_write_over_it(tmp_path, capsys):
+    session = two_platforms(tmp_path)
+    collect(plan(session))
+    output, first = session / "s1_m.bag", digest(session / "s1_m.bag")
+    (session / "main" / "states-01.bag").unlink()
+    assert main(["verify", str(output), str(session / "second" / "realsense-01.bag")]) == 3
+    assert "problems" in capsys.readouterr().out
+    part(session / "main", ("states-02.bag", [rows("/a", 20, first_ms=9000)]))
+    assert collect(plan(session)).location == str(session / "s1_m-2.bag")
+    assert digest(output) == first
 
 
 def test_a_manifest_that_cannot_be_read_is_no_leave_to_write_over_its_recording(tmp_path):

@@ -430,8 +430,8 @@ def _filter(options: argparse.Namespace) -> bool:
 
 
 def _verify(options: argparse.Namespace) -> bool:
-    """Verify a merged bag and write the verdict into its manifest."""
-    from .merge.manifest import applied_offsets, manifest_path, read_manifest
+    """Verify a merged bag and write the verdict into its manifest, where that is of these inputs."""
+    from .merge.manifest import applied_offsets, has_same_inputs, manifest_path, read_manifest
 
     place = manifest_path(options.bag)
     manifest = read_manifest(place) if place.is_file() else None
@@ -442,10 +442,12 @@ def _verify(options: argparse.Namespace) -> bool:
         offsets = applied_offsets(manifest, inputs, options.bag.parent)
     if offsets and len(offsets) != len(inputs):
         raise BagError("--offsets-s", f"{len(offsets)} offsets for {len(inputs)} inputs", "give one each")
-    verified, manifest = _verified(options.bag, inputs, offsets, manifest, options)
-    _show(_verify_lines(verified), manifest, as_json=options.json)
-    if inputs:
-        _keep_verdict(options.bag, manifest)
+    verified, new = _verified(options.bag, inputs, offsets, manifest, options)
+    _show(_verify_lines(verified), new, as_json=options.json)
+    if manifest and inputs and not has_same_inputs(new, manifest):
+        say_wrong("amaze-bag", f"{place}: is of other inputs; the verdict was not written into it", DONE)
+    elif inputs:
+        _keep_verdict(options.bag, new)
     return bool(verified.problems)
 
 

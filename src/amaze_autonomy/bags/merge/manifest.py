@@ -113,6 +113,9 @@ def verified_manifest(
 ) -> Dict[str, Any]:
     """Return a manifest with checksums of files and messages, and the verdict.
 
+    An input that the manifest names keeps its place there, also where a copy of it was looked at: whether a bag can be
+    made again is seen by the files from which it was made.
+
     Args:
         manifest: of the bag; None when it has none yet.
         verified: what was found.
@@ -120,10 +123,10 @@ def verified_manifest(
     """
     folder = verified.output.path.parent
     new = dict(manifest or {"manifest": 1, "warnings": [], "duplicates": None})
-    known = {entry["file"]: entry for entry in new.get("inputs", [])}
+    known = list(new.get("inputs", []))
     new["output"] = {**new.get("output", {}), **_counted(verified.output, folder)}
     new["inputs"] = [
-        {**known.get(_relative(each.path, folder), {}), "offset_ns": offset, **_counted(each, folder)}
+        _input({**_counted(each, folder), "offset_ns": offset}, known)
         for each, offset in zip(verified.inputs, offsets_ns or (0,) * len(verified.inputs))
     ]
     new["versions"] = _versions()
@@ -133,6 +136,25 @@ def verified_manifest(
         "readers": {each.reader: each.error or "agrees" for each in verified.readings},
     }
     return new
+
+
+def _input(now: Dict[str, Any], known: List[Dict[str, Any]]) -> Dict[str, Any]:
+    """Return the entry of an input with what else is known of it, which is taken out of what is known of all."""
+    for key in ("file", "sha256"):
+        for was in known:
+            if was.get(key) == now[key]:
+                known.remove(was)
+                return {**was, **now, "file": was["file"]}
+    return now
+
+
+def has_same_inputs(manifest: Dict[str, Any], other: Dict[str, Any]) -> bool:
+    """Return whether a verified manifest is of just the inputs that another one has, as they were then."""
+    files, others = (sorted((each["file"], each.get("sha256")) for each in one["inputs"]) for one in (manifest, other))
+    return len(files) == len(others) and all(
+        name == other_name and other_sha256 in (None, sha256)
+        for (name, sha256), (other_name, other_sha256) in zip(files, others)
+    )
 
 
 def applied_offsets(manifest: Dict[str, Any], inputs: Sequence[Path], folder: Path) -> Tuple[int, ...]:
