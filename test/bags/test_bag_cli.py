@@ -367,6 +367,42 @@ def test_a_verdict_on_copies_of_the_inputs_is_kept_and_not_where_these_lie(capsy
         assert (after["verified"]["ok"], after["inputs"]) == (status == 0, before["inputs"])
 
 
+@pytest.mark.parametrize("duplicates", ["count", "drop"])
+def test_a_verified_bag_whose_inputs_are_gone_is_compared_with_its_manifest(capsys, tmp_path, two, duplicates):
+    """`keep_parts: false` removes them on purpose."""
+    output = tmp_path / "flight.bag"
+    assert run(capsys, "merge", *two, "-o", output, "--duplicates", duplicates, "--verify")[0] == 0
+    before, good = manifest_path(output).read_bytes(), output.read_bytes()
+    Path(two[0]).unlink()
+    count = 120 if duplicates == "drop" else 140
+    gone = "  inputs that cannot be found: main.bag; compared with what the manifest says since it was verified"
+    verified = [f"{output}: {count} messages: verified", gone, f"  rosbags: {count} messages"]
+    assert run(capsys, "verify", output)[1].splitlines()[:3] == verified
+    status, out, err = run(capsys, "verify", output, "--readers", "none", "--json")
+    shown, manifest = json.loads(out), json.loads(before)
+    assert (status, err, shown["verified"]["ok"], shown["gone"]) == (0, "", True, ["main.bag"])
+    assert shown["inputs"] == manifest["inputs"]
+    other, unseen = (good.replace(old, new) for old, new in ((b"/b 7 ", b"/b 8 "), (b" " * 64, b" " * 63 + b"_")))
+    for content, wrong in (
+        (other, "/b (std_msgs/String) has messages with other bytes or times than its inputs"),
+        (unseen, "it is not the file that was verified: its sha256 is another one"),
+    ):
+        output.write_bytes(content)
+        status, out, _ = run(capsys, "verify", output, "--readers", "none")
+        assert (status, out.splitlines()[1:]) == (3, [f"  problem: {wrong}", gone])
+    assert manifest_path(output).read_bytes() == before
+
+
+def test_a_bag_whose_inputs_are_gone_and_that_was_not_verified_cannot_be(capsys, tmp_path, two):
+    output = tmp_path / "flight.bag"
+    assert run(capsys, "merge", *two, "-o", output)[0] == 0
+    Path(two[0]).unlink()
+    assert run(capsys, "verify", output)[::2] == (
+        1,
+        f"amaze-bag: {two[0]}: cannot be read (No such file or directory); name a bag that you may read\n",
+    )
+
+
 @pytest.mark.parametrize("good", [True, False])
 def test_a_verdict_that_cannot_be_written_is_shown(capsys, tmp_path, two, monkeypatch, good):
     output = tmp_path / "flight.bag"

@@ -11,7 +11,7 @@ import os
 import sys
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import lz4
 import numpy as np
@@ -125,10 +125,11 @@ def verified_manifest(
     new = dict(manifest or {"manifest": 1, "warnings": [], "duplicates": None})
     known = list(new.get("inputs", []))
     new["output"] = {**new.get("output", {}), **_counted(verified.output, folder)}
-    new["inputs"] = [
+    looked_at = [
         _input({**_counted(each, folder), "offset_ns": offset}, known)
         for each, offset in zip(verified.inputs, offsets_ns or (0,) * len(verified.inputs))
     ]
+    new["inputs"] = looked_at or known
     new["versions"] = _versions()
     new["verified"] = {
         "ok": not verified.problems,
@@ -179,10 +180,12 @@ def declared_duplicates(manifest: Dict[str, Any]) -> Dict[TopicKey, Tally]:
     found = manifest.get("duplicates") or {}
     if found.get("what") != "drop":
         return {}
-    return {
-        (row["topic"], row["type"], row["md5"]): Tally(row["messages"], int(row["checksum"], 16))
-        for row in found["topics"]
-    }
+    return tallies_of(found["topics"])
+
+
+def tallies_of(rows: Sequence[Mapping[str, Any]]) -> Dict[TopicKey, Tally]:
+    """Return what a manifest says of topics."""
+    return {(row["topic"], row["type"], row["md5"]): Tally(row["messages"], int(row["checksum"], 16)) for row in rows}
 
 
 def read_manifest(path: Path) -> Dict[str, Any]:

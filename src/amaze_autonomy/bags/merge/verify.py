@@ -14,15 +14,17 @@ import sys
 import tempfile
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
+
+from amaze_autonomy.whole_file import sha256_of
 
 from ..errors import BagError
 from ..format import MEMORY
 from ..index import Index
 from ..read import Block, Pool
-from .manifest import Tallies, Tally, TopicKey, checksums, payload_checksums
+from .manifest import Tallies, Tally, TopicKey, checksums, payload_checksums, tallies_of
 from .merge import Source
 
 if TYPE_CHECKING:  # a circle
@@ -312,6 +314,7 @@ def verify(
     *,
     offsets_ns: Sequence[int] = (),
     duplicates: Optional[Dict[TopicKey, Tally]] = None,
+    before: Optional[Mapping[str, Any]] = None,
     readers: str = "open",
     memory: int = MEMORY,
     progress: Optional[Progress] = None,
@@ -324,6 +327,7 @@ def verify(
         inputs: what it was merged from; none to verify the bag alone.
         offsets_ns: that were added to the record times of each input.
         duplicates: messages that were dropped because another input has them.
+        before: what the manifest says of the bag since it was verified, to be compared with that instead of inputs.
         readers: none, open (they read the index) or read (they read every message).
         memory: bytes that the data of a chunk may take when it is decompressed.
         progress: called with bytes done and all bytes.
@@ -344,7 +348,9 @@ def verify(
     if not counted[0].ordered:
         problems.insert(0, "its messages are not in order of time")
     if inputs:
-        problems = [*_differences(counted[0], counted[1:], duplicates or {}), *problems]
+        problems = [*_differences(counted[0], _expected(counted[1:], duplicates or {})), *problems]
+    elif before is not None:
+        problems = [*_changes(counted[0], before), *problems]
     return Verified(counted[0], tuple(counted[1:]), duplicates or {}, tuple(readings), tuple(problems))
 
 
@@ -375,16 +381,28 @@ def _together(paths: Sequence[Path], progress: Optional[Progress]) -> List[Optio
     return [reporter(place) for place in range(len(paths))]
 
 
-def _differences(output: Counted, inputs: Sequence[Counted], duplicates: Dict[TopicKey, Tally]) -> List[str]:
+def _changes(output: Counted, before: Mapping[str, Any]) -> List[str]:
+    """Return where a bag is not what it was when it was verified."""
+    found = _differences(output, tallies_of(before["topics"]))
+    if not found and sha256_of(output.path) != before["sha256"]:
+        found.append("it is not the file that was verified: its sha256 is another one")
+    return found
+
+
+def _expected(inputs: Sequence[Counted], duplicates: Dict[TopicKey, Tally]) -> Dict[TopicKey, Tally]:
     expected = Tallies()
     for counted in inputs:
         for key, tally in counted.topics.items():
             expected.add(key, tally)
     for key, tally in duplicates.items():
         expected.by_topic[key] = expected.by_topic.get(key, Tally()).minus(tally)
+    return expected.by_topic
+
+
+def _differences(output: Counted, expected: Dict[TopicKey, Tally]) -> List[str]:
     problems = []
-    for key in sorted({*expected.by_topic, *output.topics}):
-        wanted, found = expected.by_topic.get(key, Tally()), output.topics.get(key, Tally())
+    for key in sorted({*expected, *output.topics}):
+        wanted, found = expected.get(key, Tally()), output.topics.get(key, Tally())
         if wanted.messages != found.messages:
             problems.append(f"{key[0]} ({key[1]}) has {found.messages:,} messages instead of {wanted.messages:,}")
         elif wanted != found:
