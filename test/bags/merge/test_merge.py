@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import os
+import sys
+from pathlib import Path
 
 import pytest
 from bag_tools import COMPRESSIONS, MS, bag, contents, digest, flipped, left_over, multiset, rows, text
@@ -19,7 +21,7 @@ from amaze_autonomy.bags.format import Connection, fields_of, pack_field
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge.manifest import Tally, merge_manifest
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
-from amaze_autonomy.bags.merge.verify import verify
+from amaze_autonomy.bags.merge.verify import read_with, verify
 from amaze_autonomy.bags.recover.recover import recover
 from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.bags.write import Output
@@ -463,3 +465,24 @@ def test_tallies_and_connections_have_values():
     one = Connection(1, "/a", "k", "m", "/x", latching=False, header=b"")
     assert one.identity() != one._replace(caller="/y").identity()
     assert one.identity(publishers_apart=False) == one._replace(caller="/y").identity(publishers_apart=False)
+
+
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_a_reader_that_is_found_and_cannot_be_imported_is_not_asked(tmp_path, monkeypatch, elsewhere):
+    """A ROS shell tells every Python where rosbag is; what it imports, one that stands alone does not have."""
+    if elsewhere and not Path("/usr/bin/python3").exists():
+        pytest.skip("NOT TESTED: there is no other Python here")
+    (tmp_path / "rosbag").mkdir()
+    broken = "'ALONE' in os.environ" if elsewhere else "True"
+    (tmp_path / "rosbag" / "__init__.py").write_text(
+        f"import os\nif {broken}:\n    raise ImportError('no Cryptodome')\n"
+    )
+    alone = tmp_path / "python"
+    alone.write_text(f'#!/bin/sh\nALONE=1 exec {sys.executable} "$@"\n')
+    alone.chmod(0o755)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr("sys.executable", str(alone))
+    path = bag(tmp_path / "a.bag", rows("/a", 5))
+    readings = {each.reader: each.error for each in read_with(path, every_message=False)}
+    assert readings["rosbags"] == ""
+    assert ("rosbag" in readings, "Cryptodome" in readings.get("rosbag", "")) == (elsewhere, False)

@@ -235,8 +235,11 @@ def _difference(one: Dict[str, int], other: Dict[str, int]) -> str:
 
 
 def _python_with(module: str) -> Optional[str]:
-    """Return an interpreter that has a module, and not only a folder of that name: this one, else the system's."""
-    script = f"import importlib.util as u; s = u.find_spec({module!r}); raise SystemExit(s is None or s.origin is None)"
+    """Return an interpreter that can import a module, and not only a folder of that name: this one, else the system's.
+
+    A shell of ROS tells every interpreter where rosbag is; what that imports, one that stands alone does not have.
+    """
+    script = f"import {module} as found; raise SystemExit(getattr(found, '__file__', None) is None)"
     for python in (sys.executable, "/usr/bin/python3"):
         command = [python, "-c", script]
         if shutil.which(python) and subprocess.run(command, capture_output=True, check=False, cwd="/").returncode == 0:
