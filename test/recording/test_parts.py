@@ -14,7 +14,7 @@ from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import pack_time
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge.merge import merge
-from amaze_autonomy.bags.recover.recover import restore
+from amaze_autonomy.bags.recover.recover import recover, restore
 from amaze_autonomy.recording.errors import TransferError
 from amaze_autonomy.recording.losses import losses
 from amaze_autonomy.recording.parts import check_arrived, close_parts, recover_damaged, whole_bags
@@ -125,6 +125,43 @@ def test_what_cannot_be_closed_where_it_lies_is_recovered_beside_it_and_never_ch
     stamp = (tmp_path / "states-01.recovered.bag").stat().st_mtime_ns
     assert close_parts(tmp_path, FACTS)["files"] == [entry]
     assert (tmp_path / "states-01.recovered.bag").stat().st_mtime_ns == stamp
+
+
+def test_what_was_recovered_by_hand_is_not_recovered_once_more(tmp_path):
+    """`amaze-bag recover` keeps the original; with both, every message would be in the recording twice."""
+    path = killed(tmp_path, "states-01.bag.active", rows("/a", 100), cut=30)
+    whole = recover(path, tmp_path / "states-01.bag").path
+    before = digest(path), digest(whole)
+    content = close_parts(tmp_path, FACTS)
+    assert content["files"] == [
+        {"file": "states-01.bag", "bytes": whole.stat().st_size, "messages": 99, "sha256": before[1], "lost": None,
+         "recovered_from": "states-01.bag.active"}
+    ]  # fmt: skip
+    assert list(content["open_ends"]) == ["states"], "its recorder did not close it"
+    assert (digest(path), digest(whole)) == before
+    assert close_parts(tmp_path, FACTS) == content
+    assert [each.path for each in whole_bags(tmp_path, content, tmp_path / "target")] == [whole]
+
+
+@pytest.mark.parametrize("wrong", ["fewer", "damaged"])
+def test_a_worse_bag_that_was_recovered_by_hand_is_passed_over(tmp_path, wrong):
+    path = killed(tmp_path, "states-01.bag.active", rows("/a", 100))
+    whole = tmp_path / "states-01.bag"
+    if wrong == "fewer":
+        bag(whole, rows("/a", 60))
+    else:
+        whole.write_bytes(recover(path, tmp_path / "source").path.read_bytes()[:-50])
+    before = digest(path), digest(whole)
+    (entry,) = close_parts(tmp_path, FACTS)["files"]
+    names = ("states-01.recovered.bag", "states-01.bag.active")
+    assert ((entry["file"], entry["recovered_from"]), entry["messages"], entry["lost"]) == (names, 100, 0)
+    assert (digest(path), digest(whole)) == before
+
+
+def test_two_recordings_of_one_name_are_both_listed(tmp_path):
+    killed(tmp_path, "states-01.bag.active", rows("/a", 100))
+    bag(tmp_path / "states-01.bag", rows("/a", 200, first_ms=9000))
+    assert [each["messages"] for each in close_parts(tmp_path, FACTS)["files"]] == [200, 100]
 
 
 def test_an_undo_file_that_is_damaged_is_no_reason_to_do_without_the_bag(tmp_path):

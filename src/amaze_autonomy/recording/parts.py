@@ -18,7 +18,7 @@ from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Opt
 from amaze_autonomy.bags.errors import BagError, RecordError
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.recover.recover import read_undo, recover, recover_in_place, undo_path
-from amaze_autonomy.bags.recover.scan import scan
+from amaze_autonomy.bags.recover.scan import Scan, scan
 from amaze_autonomy.whole_file import sha256_of, sync_folder
 
 from .errors import TransferError
@@ -26,7 +26,7 @@ from .losses import Numbers, Stream, Written, account, header_numbers, recorded,
 from .programs import LogState, read_line
 from .storage import PARTS, aside, is_as_listed, read_json, read_parts, write_json
 
-_RECOVERED = ".recovered.bag"
+_RECOVERED, _ACTIVE = ".recovered.bag", ".active"
 Progress = Callable[[int, int], None]
 
 
@@ -201,12 +201,14 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
     """
     before, anew = read_parts(folder) or {"files": []}, bool(facts.get("anew"))
     paths = open_bags(folder)
+    by_hand = _recovered_by_hand(paths)
+    paths = [path for path in paths if path.with_name(f"{path.name}{_ACTIVE}") not in by_hand]
     meter = _Meter(sum(path.stat().st_size for path in paths), progress)
     entries: List[Dict[str, Any]] = []
     files: List[Written] = []
     for path in paths:
         size = path.stat().st_size
-        listed = [_compared(each, before, anew=anew) for each in _listed(folder, path)]
+        listed = [_compared(each, before, anew=anew) for each in by_hand.get(path) or _listed(folder, path)]
         entries += listed
         files += _written(folder, path, listed)
         meter.add(size)
@@ -314,6 +316,28 @@ def _written(folder: Path, path: Path, listed: Sequence[Mapping[str, Any]]) -> L
                 numbers = {stream: each._replace(missing=0) for stream, each in numbers.items()}
     first_ns, last_ns = min(times, default=None), max(times, default=None)
     return [file._replace(first_ns=first_ns, last_ns=last_ns, numbers=numbers, empty=not listed)]
+
+
+def _recovered_by_hand(paths: Sequence[Path]) -> Dict[Path, List[Dict[str, Any]]]:
+    """Return each open bag that somebody recovered already under its name without `.active`; only one may be listed.
+
+    With it comes the entry of that; none where that is not good, or has fewer messages than are in the open bag.
+    """
+    found: Dict[Path, List[Dict[str, Any]]] = {}
+    for path in paths:
+        whole = path.with_name(path.name[: -len(_ACTIVE)])
+        if path.name.endswith(_ACTIVE) and whole in paths:
+            with suppress(BagError):  # of one that is no bag there is nothing twice
+                here, there = scan(path), scan(whole, check_data=False)
+                if here.chunks and _start_ns(here) == _start_ns(there):
+                    told = {"lost": here.lost, **_inside(here.lost_inside), "recovered_from": path.name}
+                    better = _is_good(whole) and there.messages >= here.messages
+                    found[path] = [{**_entry(whole), **told}] if better else []
+    return found
+
+
+def _start_ns(found: Scan) -> Optional[int]:
+    return min((chunk.start_ns for chunk in found.chunks), default=None)
 
 
 def _listed(folder: Path, path: Path) -> List[Dict[str, Any]]:
