@@ -12,13 +12,14 @@ from types import SimpleNamespace
 import pytest
 from autopilot_tools import beat
 from client_bench import ClientBench
-from flying import ARDUPILOT, ARM, MS, PX4, SET_MODE, Recorded, S, plan
+from flying import ARDUPILOT, ARM, LIMITS, MODEL, MS, PLANS, PX4, SET_MODE, Recorded, S, plan
 from px4_tools import POSCTL, RTL
 from vehicle_lies import CRITICAL, Liar
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
 from amaze_autonomy.autopilot.planner.own_landing import ENDS, OwnLanding
+from amaze_autonomy.autopilot.planner.sequencer import Sequencer, SequencerSettings
 from amaze_autonomy.autopilot.vehicle.client import AutopilotClient, Reply
 from amaze_autonomy.autopilot.vehicle.modes import Control, Heartbeat
 from amaze_autonomy.config import AutopilotSettings
@@ -1027,6 +1028,187 @@ def test_a_hold_soon_after_a_resume_is_another_hold_where_heartbeats_alone_tell_
     found.until(lambda: found.status.message == MOVED, 20 * S)
     end()
     assert found.command(A.RESUME) == MOVED
+
+
+# --- home set anew in the air -----------------------------------------------------------------------------------------
+
+LOWER = "home was set anew in the air: heights count from 1.8 m lower"
+HILL = Trajectory(
+    "hill.csv", tuple(Waypoint(25.0 * number, 0.0, 2.0 + 8.0 * (number % 2), 0.0, 0.5) for number in range(1, 6))
+)
+HILLS = (plan("hill", (HILL,), Controller.MISSION),)
+FAR = Trajectory("far.csv", (Waypoint(5.0, 0.0, 3.0, 0.0, 0.5), Waypoint(900.0, 0.0, 3.0, 0.0, 0.5)))
+
+
+def sets_home(found, up_m, *, moves=True):
+    """Have a ground station set home in the air (DO_SET_HOME); or, where it stays, the autopilot correct its height."""
+    east_m, north_m, _ = found.craft.position_m if moves else (0.0, 0.0, 0.0)
+    found.craft.home = found.craft.geography.place(east_m, north_m, up_m)
+
+
+def changes(found, change):
+    """Have messages of the vehicle be changed before the planner takes them."""
+    take = found.planner.watch.take
+
+    def changed(t_ns, message, **how):
+        change(t_ns, message)
+        take(t_ns, message, **how)
+
+    found.planner.watch.take = changed
+
+
+def says(found, until):
+    """Return what the planner says meanwhile."""
+    said = set()
+    found.until(lambda: said.add(found.status.message) or until())
+    return said
+
+
+@EACH
+@pytest.mark.parametrize("up_m, words", [(-1.8, LOWER), (1.9, LOWER.replace("1.8 m lower", "1.9 m higher"))])
+def test_in_a_hold_in_which_home_was_set_anew_nothing_is_resumed(kind, up_m, words):
+    found = held("line", kind)
+    found.run(2 * S)
+    assert found.status.message == ""
+    sets_home(found, up_m)
+    found.until(lambda: found.status.message == words, 2 * S)
+    told_ns = found.t_ns
+    assert (found.phase, found.command(A.RESUME)) == (P.HOLDING, words)
+    assert found.command(A.HOLD) == ""
+    sets_home(found, 0.0)
+    found.run(5 * S)
+    assert (found.command(A.RESUME), MISSION in found.since(told_ns)) == (words, False)
+    assert found.command(A.LAND) == ""
+    found.until_phase(P.LANDED)
+
+
+@EACH
+@pytest.mark.parametrize("resumed", [False, True], ids=["flies", "resumes"])
+def test_a_mission_whose_home_was_set_anew_in_the_air_is_given_up(kind, resumed):
+    found = Recorded(plans=HILLS, kind=kind)
+    found.take_off("hill")
+    found.until(lambda: found.craft.position_m[0] > 10.0)
+    if resumed:
+        assert found.command(A.HOLD) == ""
+        found.until_phase(P.HOLDING)
+        found.run(4 * S)
+    sets_home(found, -1.8)
+    if resumed:
+        assert found.command(A.RESUME) == ""
+    found.until(lambda: found.phase is P.FAILED, 4 * S)
+    assert found.status.message == LOWER
+    assert found.command(A.LAND) == ""
+    found.until_phase(P.LANDED)
+
+
+def test_by_set_points_heights_are_local_and_home_is_nobody_s_business():
+    found = flying("inside")
+    sets_home(found, -5.0)
+    assert says(found, lambda: found.phase is P.LANDED) == {""}
+
+
+def test_a_px4_that_corrects_the_height_of_its_home_in_its_first_two_minutes_flies_on_but_is_not_resumed():
+    found = Recorded(plans=(plan("far", (FAR,), Controller.MISSION),))
+    found.take_off("far")
+    found.until(lambda: found.craft.position_m[0] > 20.0)
+    sets_home(found, -1.8, moves=False)
+    found.run(20 * S)
+    assert (found.phase, found.status.message) == (P.FLYING, LOWER)
+    assert found.command(A.HOLD) == ""
+    found.until_phase(P.HOLDING)
+    assert found.command(A.RESUME) == LOWER
+
+
+def test_later_no_px4_corrects_the_height_of_its_home():
+    found = Recorded(plans=(plan("far", (FAR,), Controller.MISSION),))
+    found.take_off("far")
+    found.run(150 * S)
+    assert found.phase is P.FLYING
+    sets_home(found, -1.8, moves=False)
+    found.until(lambda: found.phase is P.FAILED, 4 * S)
+
+
+@EACH
+@pytest.mark.parametrize("late_ms", [50, 600])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_lost_and_late_messages_are_no_home_that_was_set_anew(kind, late_ms, seed):
+    found, chance = Recorded(plans=HILLS, kind=kind), Random(seed)
+    found.take_off("hill")
+    found.until(lambda: found.craft.armed)
+
+    def bad():
+        return () if chance.random() < 0.15 else (chance.randrange(late_ms) * MS,)
+
+    found.channel.fate = bad
+    said = says(found, lambda: found.craft.position_m[0] > 30.0)
+    assert found.command(A.HOLD) == ""
+    found.run(6 * S)
+    found.join()  # for the reading of the mission, which has a limit
+    found.run(3 * S)
+    assert found.command(A.RESUME) == ""
+    found.run(3 * S)
+    found.channel.fate = bad
+    said |= says(found, lambda: found.phase is P.LANDED)
+    assert (found.status.waypoint, [each for each in said if "home" in each]) == (5, [])
+
+
+@pytest.mark.parametrize("sea", [True, False], ids=["height above the sea", "none, as behind mavros"])
+@EACH
+def test_what_the_estimate_does_is_no_home_that_was_set_anew(kind, sea):
+    """It is reset by 6 m, drifts, and its height above the sea may come from another sensor."""
+    found = Recorded(plans=HILLS, kind=kind)
+    found.take_off("hill")
+    found.until(lambda: found.craft.position_m[0] > 5.0)
+    begun_ns = found.t_ns
+
+    def estimates(t_ns, message):
+        up_m = 6.0 if t_ns - begun_ns > 3 * S else 0.0
+        drift_m = (t_ns - begun_ns) / S * (0.1 if sea else 0.03)  # of the local frame alone
+        if message.get_type() == "LOCAL_POSITION_NED":
+            message.z -= up_m + drift_m
+        if message.get_type() == "GLOBAL_POSITION_INT":
+            message.relative_alt += round(1000 * up_m)
+            message.alt = message.alt + (30_000 if t_ns - begun_ns > 6 * S else 0) if sea else 0
+        if not sea and message.get_type() in ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"):
+            message.time_boot_ms = 0
+
+    changes(found, estimates)
+    assert says(found, lambda: found.phase is P.LANDED) == {""}
+    assert found.status.waypoint == 5
+
+
+@EACH
+def test_a_few_wrong_heights_are_no_home_that_was_set_anew(kind):
+    found, lies = held("line", kind), []
+
+    def lying(_, message):
+        if message.get_type() == "GLOBAL_POSITION_INT" and len(lies) < 5:
+            lies.append(message)
+            message.relative_alt += 5000
+
+    changes(found, lying)
+    found.run(4 * S)
+    assert (len(lies), found.status.message, found.command(A.RESUME)) == (5, "", "")
+
+
+def test_a_px4_sets_its_home_once_more_when_it_notices_that_it_has_lifted_off():
+    found = Recorded()
+    found.take_off("line")
+    found.until(lambda: found.craft.airborne)
+    sets_home(found, 1.4)
+    assert says(found, lambda: found.phase is P.FLYING and found.craft.position_m[0] > 3.0) == {""}
+    assert found.command(A.HOLD) == ""
+    found.run(4 * S)
+    assert found.command(A.RESUME) == ""
+
+
+def test_a_planner_that_is_started_in_flight_knows_no_home_that_was_before():
+    found = flying("line")
+    found.planner = Sequencer(SequencerSettings(PLANS, PlannerSpec(), MODEL, LIMITS))
+    found.channel.client = found.planner
+    found.run(2 * S)
+    sets_home(found, -1.8)
+    assert says(found, lambda: not found.craft.armed) == {""}
 
 
 # --- told to end ------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from amaze_autonomy.missions import FlightModel, Waypoint, distance_m, leg_s
 from ..vehicle.modes import HOLD, LANDING_MODES, is_foreign
 from .guidance import Guidance
 from .held import HeldMission, HeldPlace
+from .home_height import HomeHeight
 from .loading import Loading, LoadRequest, Origin
 from .mission_upload import waypoint_index
 from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, SILENT, Pose, VehicleWatch
@@ -35,7 +36,7 @@ class FlightRecord:
     def __init__(self, watch: VehicleWatch, waypoints: int = 0) -> None:
         self._watch, self.waypoints = watch, waypoints
         self.guidance: Optional[Guidance] = None
-        self.held_place = HeldPlace(watch)
+        self.held_place, self.home_height = HeldPlace(watch), HomeHeight(watch)
         self.armed = self.airborne = self.lifted = False
         self._flown = False  # it was seen in the mode that this flight is flown in
         self.failure = ""
@@ -75,6 +76,21 @@ class FlightRecord:
         """Look whether it is moved in a hold of a mission; by set-points it is not led far from where it stands."""
         if self.guidance is None and self.airborne:
             self.held_place.look(pose)
+
+    def look_at_home(self, pose: Optional[Pose]) -> None:
+        """Look whether home is set anew in the air: heights by set-points do not count from it."""
+        if self.guidance is None and self.airborne:
+            self.home_height.look(pose)
+
+    @property
+    def not_to_go_on(self) -> str:
+        """Why a mission that is held is not gone on with in this flight, in words; empty: it may be."""
+        return self.held_place.words or self.home_height.words
+
+    def flies_from_another_home(self) -> bool:
+        """Return whether it flies, by messages that agree, heights of the mission that are not ours."""
+        flies = self._watch.mode == MISSION and self._watch.keeps_mode
+        return flies and self.guidance is None and self.home_height.is_set_by_others
 
     @property
     def seems_down(self) -> bool:

@@ -35,6 +35,7 @@ _LANDED = {
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
 _RELATIVE, _ABSOLUTE = mavlink.ESTIMATOR_POS_HORIZ_REL, mavlink.ESTIMATOR_POS_HORIZ_ABS
+_VERTICAL = mavlink.ESTIMATOR_POS_VERT_ABS
 _ESTIMATE_AGE_NS = _SYSTEM_AGE_NS = 3 * _S
 _ARDUPILOT_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED  # PX4 sets the first at rest, too
 _OTHERS = {
@@ -47,6 +48,7 @@ _NO_ITEMS = 65535  # MISSION_CURRENT of a vehicle that has no mission
 _WARNING = mavlink.MAV_SEVERITY_WARNING
 _COMPLAINTS = 3
 _DEG7, _MM = 1e-7, 1e-3
+_DEGREE_M = 111_319.5
 _POLAR_DEG, _TURN_DEG = 85.0, 180.0
 
 
@@ -57,11 +59,13 @@ class Pose(NamedTuple):
         t_ns: when it came.
         position_m: east, north, up.
         velocity_m_s: likewise.
+        on_ms: for how long the vehicle had been on then; 0: it does not say.
     """
 
     t_ns: int
     position_m: Tuple[float, float, float]
     velocity_m_s: Tuple[float, float, float]
+    on_ms: int = 0
 
     @property
     def speed_m_s(self) -> float:
@@ -101,8 +105,10 @@ class VehicleWatch:
         self.yaw_rad: Optional[float] = None
         self.yaw_ns = 0
         self.place: Optional[Place] = None
-        self.height_m = 0.0
-        self.place_ns = 0
+        self.height_m = self.sea_m = 0.0  # above home; above the sea, 0: it does not say
+        self.place_ns = self.place_on_ms = 0
+        self.home: Optional[Tuple[float, float]] = None  # its place, in metres from anywhere; its height is not kept
+        self.home_ns = 0
         self.estimator: Optional[int] = None
         self.estimator_ns = 0
         self.current: Optional[int] = None
@@ -160,6 +166,10 @@ class VehicleWatch:
     def heading(self, t_ns: int, limit_ns: int) -> Optional[float]:
         """Return the yaw in radians counter-clockwise from east, unless it is old."""
         return self.yaw_rad if t_ns - self.yaw_ns <= limit_ns else None
+
+    def has_height(self, t_ns: int) -> bool:
+        """Return whether the estimator stands by its height."""
+        return self._estimates(t_ns, _VERTICAL)
 
     def somewhere(self, t_ns: int, limit_ns: int) -> Optional[Place]:
         """Return the place on the earth, unless it is old or the estimator disowns it."""
@@ -311,7 +321,7 @@ class VehicleWatch:
     def _local(self, t_ns: int, message: Message) -> None:
         values = (message.y, message.x, -message.z, message.vy, message.vx, -message.vz)
         if all(map(math.isfinite, values)):
-            self.pose = Pose(t_ns, values[:3], values[3:])
+            self.pose = Pose(t_ns, values[:3], values[3:], message.time_boot_ms)
         self.power_on.add(t_ns, message.time_boot_ms)
 
     def _attitude(self, t_ns: int, message: Message) -> None:
@@ -322,7 +332,17 @@ class VehicleWatch:
         place = Place(message.lat * _DEG7, message.lon * _DEG7)
         if abs(place.latitude_deg) > _POLAR_DEG or abs(place.longitude_deg) > _TURN_DEG:
             return  # what is there, or nowhere, cannot be flown around in metres
-        self.place, self.place_ns, self.height_m = place, t_ns, message.relative_alt * _MM
+        self.place, self.place_ns, self.place_on_ms = place, t_ns, message.time_boot_ms
+        self.height_m, self.sea_m = message.relative_alt * _MM, message.alt * _MM
+
+    def _home(self, t_ns: int, message: Message) -> None:
+        where = (message.y, message.x)
+        if message.latitude or message.longitude:  # made of mavros' topic it has none
+            latitude = message.latitude * _DEG7
+            east = message.longitude * _DEG7 * math.cos(math.radians(latitude))
+            where = (east * _DEGREE_M, latitude * _DEGREE_M)
+        if all(map(math.isfinite, where)):
+            self.home, self.home_ns = where, t_ns
 
     def _estimator(self, t_ns: int, message: Message) -> None:
         self.estimator, self.estimator_ns = message.flags, t_ns
@@ -359,6 +379,7 @@ _TAKES: Mapping[str, Callable[[VehicleWatch, int, Message], None]] = {
     "LOCAL_POSITION_NED": VehicleWatch._local,  # noqa: SLF001
     "ATTITUDE": VehicleWatch._attitude,  # noqa: SLF001
     "GLOBAL_POSITION_INT": VehicleWatch._global,  # noqa: SLF001
+    "HOME_POSITION": VehicleWatch._home,  # noqa: SLF001
     "ESTIMATOR_STATUS": VehicleWatch._estimator,  # noqa: SLF001
     "EKF_STATUS_REPORT": VehicleWatch._estimator,  # noqa: SLF001 - the same bits
     "SYS_STATUS": VehicleWatch._system_status,  # noqa: SLF001

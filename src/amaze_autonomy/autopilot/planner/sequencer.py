@@ -278,7 +278,7 @@ class Sequencer:
             other=self._other if t_ns - self._other_ns < _OTHER_NS else "",
             restarts=bool(self.watch.restarts) and self._controller is Controller.MISSION,
             steered=self._flight.agreed_steered_by_others,
-            moved=self._flight.held_place.words,
+            moved=self._flight.not_to_go_on,
             begun_anew=frame_begun_anew(self._origin, self.watch, self._wall()) if offboard else "",
             misplaced=self._loading.problem_of_takeoff(t_ns) if self._loading is not None else "",
         )
@@ -434,9 +434,12 @@ class Sequencer:
         resume = procedure if procedure is not None and procedure.running and self._doing(_A.RESUME) else None
         if resume is None or not resume.changes_mode:
             flight.look_at_the_hold(self._pose(t_ns))
-        if resume is not None and flight.held_place.moved:
-            resume.fail(flight.held_place.words)
-        others_fly = lands or flight.hands_off() or flight.steered_by_others or flight.held_place.words
+        flight.look_at_home(self._pose(t_ns))
+        if resume is not None and flight.not_to_go_on and not resume.changes_mode:
+            resume.fail(flight.not_to_go_on)
+        if self._flies_ours and flight.flies_from_another_home():
+            self._give_up(flight.home_height.words)
+        others_fly = lands or flight.hands_off() or flight.steered_by_others or flight.not_to_go_on
         self._message = others_fly or (procedure.reason if procedure else "") or flight.failure or self._why_landed
 
     def _doing(self, *actions: MissionAction) -> bool:
@@ -576,6 +579,16 @@ class Sequencer:
         if self._flight.begins_anew():
             self._procedure = None  # it flies to where it was, on a way that nobody has checked
             self._fail(f"the mission began anew when it was to go on: it is at item {self.watch.current}")
+
+    @property
+    def _flies_ours(self) -> bool:
+        """Whether the vehicle flies, or holds, a mission that is ours so far, and that nobody has ended."""
+        return not self._landing and not self._flight.replaced and self._phase in (_P.TAKING_OFF, _P.FLYING, _P.HOLDING)
+
+    def _give_up(self, reason: str) -> None:
+        """Give up a mission that is flown otherwise than it was checked."""
+        self._flight.replaced, self._procedure = True, None
+        self._fail(reason)
 
     def _cancel(self, t_ns: int, reason: str) -> List[Message]:
         """Give a takeoff up that did not begin: disarm; an arming may be under way, unseen."""
