@@ -1211,6 +1211,92 @@ def test_a_planner_that_is_started_in_flight_knows_no_home_that_was_before():
     assert says(found, lambda: not found.craft.armed) == {""}
 
 
+# --- another item of the mission chosen in the hold -------------------------------------------------------------------
+
+CHOSEN = "somebody else has chosen another item of the mission in the hold"
+
+
+def chooses(found, number):
+    """Have a ground station set the current item (MISSION_SET_CURRENT)."""
+    found.vehicle.px4.connect("ground station")
+    found.vehicle.px4.receive(found.t_ns, "ground station", mavlink.MAVLink_mission_set_current_message(1, 1, number))
+
+
+def item_of(found, waypoint):
+    """Return the item of a waypoint, from 0; behind the last, the landing."""
+    return 2 * waypoint + 2 if isinstance(found.craft, ArduCraft) else waypoint + 1
+
+
+@EACH
+@pytest.mark.parametrize("waypoint", [0, 2, 3], ids=["passed", "last", "landing"])
+def test_with_another_item_that_somebody_has_chosen_in_our_hold_nothing_is_resumed(kind, waypoint):
+    found = held("line", kind)
+    found.run(2 * S)
+    assert (found.status.message, found.status.waypoint) == ("", 2)
+    chooses(found, item_of(found, waypoint))
+    found.until(lambda: found.status.message == CHOSEN, 2 * S)
+    told_ns = found.t_ns
+    assert (found.phase, found.command(A.RESUME), found.status.waypoint) == (P.HOLDING, CHOSEN, 2)
+    assert found.command(A.HOLD) == ""
+    found.run(3 * S)
+    assert (found.command(A.RESUME), MISSION in found.since(told_ns)) == (CHOSEN, False)
+    assert found.command(A.LAND) == ""
+    found.until_phase(P.LANDED)
+    assert found.status.waypoint == 1
+
+
+@EACH
+def test_an_item_that_somebody_chooses_just_before_a_resume_is_not_flown_to(kind):
+    found = held("line", kind)
+    found.run(2 * S)
+    chooses(found, item_of(found, 3))
+    found.until(lambda: found.planner.watch.current == item_of(found, 3), S)
+    told = found.command(A.RESUME)
+    found.run(3 * S)
+    assert told == ""
+    assert found.status.message == CHOSEN or (found.phase, found.status.waypoint) == (P.FLYING, 2)
+
+
+@EACH
+@pytest.mark.parametrize("late_ms", [50, 600])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_waypoint_that_is_passed_as_it_is_held_is_nobody_s_choice(kind, late_ms, seed):
+    """What it says may be lost or late, and each hold begins at another place of the way."""
+    close = tuple(Waypoint(1.5 * number, 0.0, 2.0, 0.0, 0.0) for number in range(1, 20))
+    plans = (plan("close", (Trajectory("close.csv", close),), Controller.MISSION),)
+    found, chance, said = Recorded(plans=plans, kind=kind), Random(seed), set()
+    found.take_off("close")
+    found.until(lambda: found.craft.position_m[0] > 1.0)
+    for _ in range(4):
+        found.channel.fate = lambda: () if chance.random() < 0.15 else (chance.randrange(late_ms) * MS,)
+        found.run(chance.randrange(2000) * MS)
+        assert found.command(A.HOLD) == ""
+        end_ns = found.t_ns + 4 * S
+        said |= says(found, lambda end_ns=end_ns: found.t_ns >= end_ns)
+        found.join()
+        found.run(3 * S)
+        assert (found.phase, found.command(A.RESUME)) == (P.HOLDING, "")
+        found.run(2 * S)
+    said |= says(found, lambda: found.phase is P.LANDED)
+    assert (found.status.waypoint, CHOSEN in said) == (19, False)
+
+
+def test_one_message_that_says_another_item_is_nobody_s_choice():
+    found, lies = held("line"), []
+    found.run(2 * S)
+
+    def lying(_, message):
+        if message.get_type() == "MISSION_CURRENT" and not lies:
+            lies.append(message)
+            message.seq = 4
+
+    changes(found, lying)
+    found.run(3 * S)
+    assert (len(lies), found.status.message, found.command(A.RESUME)) == (1, "", "")
+    found.until_phase(P.LANDED)
+    assert found.status.waypoint == 3
+
+
 # --- told to end ------------------------------------------------------------------------------------------------------
 
 

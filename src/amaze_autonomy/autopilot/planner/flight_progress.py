@@ -13,7 +13,7 @@ from amaze_autonomy.missions import FlightModel, Waypoint, distance_m, leg_s
 
 from ..vehicle.modes import HOLD, LANDING_MODES, is_foreign
 from .guidance import Guidance
-from .held import HeldMission, HeldPlace
+from .held import HeldItem, HeldMission, HeldPlace
 from .home_height import HomeHeight
 from .loading import Loading, LoadRequest, Origin
 from .mission_upload import waypoint_index
@@ -36,7 +36,7 @@ class FlightRecord:
     def __init__(self, watch: VehicleWatch, waypoints: int = 0) -> None:
         self._watch, self.waypoints = watch, waypoints
         self.guidance: Optional[Guidance] = None
-        self.held_place, self.home_height = HeldPlace(watch), HomeHeight(watch)
+        self.held_place, self.held_item, self.home_height = HeldPlace(watch), HeldItem(watch), HomeHeight(watch)
         self.armed = self.airborne = self.lifted = False
         self._flown = False  # it was seen in the mode that this flight is flown in
         self.failure = ""
@@ -77,6 +77,21 @@ class FlightRecord:
         if self.guidance is None and self.airborne:
             self.held_place.look(pose)
 
+    def look_at_item(self) -> None:
+        """Take a MISSION_CURRENT: look whether the mission stands where it did, in a hold."""
+        if self.guidance is None and self.airborne:
+            self.held_item.look()
+
+    def leave_the_hold(self, t_ns: int) -> None:
+        """Take that the vehicle is told to go on."""
+        self.held_place.leave(t_ns)
+        self.held_item.leave(t_ns)
+
+    @property
+    def passed(self) -> int:
+        """The item that it is at in a hold, as messages agree; where they do not yet, as the last one says."""
+        return (self.item if self.held_item.item is None else self.held_item.item) or 0
+
     def look_at_home(self, pose: Optional[Pose]) -> None:
         """Look whether home is set anew in the air: heights by set-points do not count from it."""
         if self.guidance is None and self.airborne:
@@ -85,7 +100,7 @@ class FlightRecord:
     @property
     def not_to_go_on(self) -> str:
         """Why a mission that is held is not gone on with in this flight, in words; empty: it may be."""
-        return self.held_place.words or self.home_height.words
+        return self.held_place.words or self.held_item.words or self.home_height.words
 
     def flies_from_another_home(self) -> bool:
         """Return whether it flies, by messages that agree, heights of the mission that are not ours."""

@@ -1,4 +1,4 @@
-"""What is looked at while the vehicle holds by our command: is the mission still ours, and is it where it was? Pure.
+"""What is looked at while the vehicle holds by our command: is the mission ours, and are both where they were? Pure.
 
 A PX4 tells a checksum of its mission in MISSION_CURRENT, an ArduPilot the number of its items alone, mavros neither. So
 it is read, and nothing but read, again and again while it is held, and once more when it is to go on: that waits for
@@ -6,7 +6,8 @@ this reading. Where the reading takes too long for that (many items, a slow way)
 changed after it is found out in flight. Another mission is believed when two readings in a row differ.
 
 "Go to location" of a ground station (DO_REPOSITION) leaves a PX4 in AUTO.LOITER. From the new place the mission would
-go on over a way that nobody has checked.
+go on over a way that nobody has checked. So it would from another item ("set current waypoint", MISSION_SET_CURRENT): a
+mission that is held does not advance by itself.
 """
 
 from __future__ import annotations
@@ -17,13 +18,15 @@ from typing import Callable, List, Optional, Tuple
 from ..link.dialect import Message
 from ..vehicle.agreement import Agreement
 from ..vehicle.modes import HOLD
-from .mission_upload import MissionUpload, UploadPhase
+from .mission_upload import MissionUpload, UploadPhase, waypoint_index
 from .mission_vehicle import Pose, VehicleWatch
 
 _PAUSE_NS = 2_000_000_000  # between two readings in a hold: others may want to read as well
 _IN_A_ROW = 2
 MOVED = "somebody else has moved it in the hold"
 _MOVED_M = 5.0  # further than a gust pushes, and than a hold drifts; where one may take off says nothing of it
+CHOSEN = "somebody else has chosen another item of the mission in the hold"
+_STANDS_NS, _CHOSEN_NS = 1_500_000_000, 1_000_000_000  # so long messages agree; one may be late, from before the hold
 _AGREE_NS = 500_000_000
 _SLOW_M_S, _SLOW_NS = 1.0, 1_000_000_000  # it comes to rest; a vehicle that swings back is slow for a moment only
 
@@ -148,3 +151,57 @@ class HeldPlace:
             return
         self._far.add(pose.t_ns, so=math.dist(self._place, pose.position_m) > _MOVED_M)
         self.moved = self.moved or self._far.lasts(_AGREE_NS)
+
+
+class HeldItem:
+    """At which waypoint its mission stands in a hold.
+
+    Args:
+        watch: the vehicle.
+    """
+
+    def __init__(self, watch: VehicleWatch) -> None:
+        self._watch = watch
+        self.chosen = False  # another one, in this flight
+        self._left_ns = -1
+        self._forget()
+
+    def _forget(self) -> None:
+        self.item: Optional[int] = None  # at which it stands, once messages agree
+        self._waypoints: Tuple[int, ...] = ()
+        self._same, self._other = Agreement(), Agreement()
+
+    @property
+    def words(self) -> str:
+        """What somebody else has done, in words; empty: nothing."""
+        return CHOSEN if self.chosen else ""
+
+    def leave(self, t_ns: int) -> None:
+        """Take that the vehicle is told to go on: nothing counts any more of what it has told so far."""
+        self._forget()
+        self._left_ns = t_ns
+
+    def expect(self, item: int) -> None:
+        """Take that it is sent to an item by us."""
+        self._waypoints += (waypoint_index(item, self._watch.dialect),) if self.item is not None else ()
+
+    def look(self) -> None:
+        """Take a MISSION_CURRENT; of an ArduPilot, a turn and its waypoint are the same."""
+        watch = self._watch
+        if watch.current is None or watch.current_ns is None or (watch.mode_ns or 0) <= self._left_ns:
+            return
+        if watch.mode != HOLD:
+            if watch.keeps_mode:  # the next hold is another one
+                self._forget()
+            return
+        if not watch.keeps_mode:
+            return
+        waypoint = waypoint_index(watch.current, watch.dialect)
+        if self.item is None:
+            if self._waypoints != (waypoint,):
+                self._waypoints, self._same = (waypoint,), Agreement()
+            self._same.add(watch.current_ns, so=True)
+            self.item = watch.current if self._same.lasts(_STANDS_NS) else None
+            return
+        self._other.add(watch.current_ns, so=waypoint not in self._waypoints)
+        self.chosen = self.chosen or self._other.lasts(_CHOSEN_NS)

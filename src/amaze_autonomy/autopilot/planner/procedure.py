@@ -479,7 +479,7 @@ class Standing(NamedTuple):
         other: what the autopilot node commands; empty: nothing.
         restarts: its mission would begin anew after a hold.
         steered: who has chosen the mode that it flies in, as messages agree, in words; empty: this planner.
-        moved: who has moved it in its hold, or its home, in words; empty: nobody.
+        moved: who has moved it in its hold, or its mission or its home, in words; empty: nobody.
         begun_anew: why its local frame is not the one of the origin any more, in words; empty: it is, or not needed.
         misplaced: why the file is not taken off with as and where the vehicle stands, in words; empty: it is.
     """

@@ -110,6 +110,7 @@ class Sequencer:
         if message.get_type() == "MISSION_CURRENT":
             self._look_at_mission()
             self._look_at_resume()
+            self._flight.look_at_item()
         sent: List[Message] = []
         if self._loading is not None and not self._loading.over:
             sent += self._loading.receive(t_ns, message)
@@ -313,7 +314,8 @@ class Sequencer:
         if action in (_A.HOLD, _A.RESUME) and self._means.stream_ns is None and self._flight.guidance is not None:
             self._means.stream_ns = t_ns
         if action is _A.RESUME and self._means.resume_item is not None:
-            self._means.resume_item = max(self._means.resume_item, self._flight.item or 0)  # told late, it was passed
+            self._means.resume_item = max(self._means.resume_item, self._flight.passed)  # told late, it was passed
+            self._flight.held_item.expect(self._means.resume_item)
         if action in (_A.HOLD, _A.RESUME) and self._controller is Controller.MISSION:
             held = self._flight.item if self._means.resume_item is None else self._means.resume_item
             begun = None if held is None or action is _A.HOLD else beginning(held, self.watch.dialect)
@@ -519,7 +521,7 @@ class Sequencer:
         if sent and procedure.action not in _LANDINGS:
             self._commanded_ns = t_ns
         if procedure.action is _A.RESUME and procedure.changes_mode:
-            self._flight.held_place.leave(t_ns)
+            self._flight.leave_the_hold(t_ns)
 
     def _verify(self) -> None:
         """Look whether the mission on the vehicle is still the one that was sent."""
