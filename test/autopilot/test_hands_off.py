@@ -1352,10 +1352,9 @@ def test_told_to_end_with_a_landing_given_up_it_commands_nothing_where_a_pilot_f
     assert "POSCTL" in found.planner.landing_taken
 
 
-def test_what_the_node_says_at_its_end_is_what_became_of_the_landing_that_was_given_up(capsys):
-    pytest.importorskip("rospy")
+def leave(found):
+    """End as the node does."""
     module = import_module("amaze_autonomy.nodes.vehicle.mission_planner_node")
-    found, _ = given_up(PX4)
 
     def wait_for(condition, limit_s):
         found.until(condition, round(limit_s * S), must=False)
@@ -1366,8 +1365,27 @@ def test_what_the_node_says_at_its_end_is_what_became_of_the_landing_that_was_gi
         found.channel.ours(messages)
         return answer
 
+    told = []
     node = module.MissionPlannerNode.__new__(module.MissionPlannerNode)
     node.planner, node._exit_s, node._link = found.planner, 3.0, SimpleNamespace(ask=ask, wait_for=wait_for)
+    node._clock, node._publisher = SimpleNamespace(ros_ns=lambda: 0), SimpleNamespace(publish=told.append)
     node._leave()
+    return [(each.phase, each.message) for each in told]
+
+
+def test_what_the_node_says_at_its_end_is_what_became_of_the_landing_that_was_given_up(capsys):
+    pytest.importorskip("rospy")
+    found, _ = given_up(PX4)
+    assert leave(found) == []
     said = "mission_planner: ended in flight: no landing was commanded: its flight mode is not known\n"
     assert capsys.readouterr().out == said
+
+
+def test_what_the_node_says_at_its_end_is_that_it_took_an_arming_back(capsys):
+    pytest.importorskip("rospy")
+    found = Recorded()
+    found.take_off("line")
+    found.until(lambda: "arm" in found.since(0), 20 * S)
+    assert leave(found) == [(P.TAKING_OFF.value, "the planner ends: it disarms")]
+    assert capsys.readouterr().out == "mission_planner: ended on the ground: the vehicle is disarmed\n"
+    assert not found.craft.armed

@@ -7,7 +7,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from flying import ARDUPILOT, BACK, LIMITS, LINE, MS, PLANS, PX4, Flying, S, plan, stand_still
+from flying import ARDUPILOT, ARM, BACK, LIMITS, LINE, MS, PLANS, PX4, Flying, Recorded, S, plan, stand_still
 from mission_channel import good
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
@@ -1274,6 +1274,84 @@ def test_told_to_end_in_flight_it_lands(mission):
 def test_told_to_end_on_the_ground_it_ends():
     flying = Flying()
     assert flying.load("line").accepted
+    assert flying.planner.shutdown(flying.t_ns) == (False, ())
+    assert flying.planner.landing_shown
+
+
+def told_to_end(flying):
+    """Tell the planner to end as its node does, which waits for what it says at most so long; return whether it did."""
+    leaves, messages = flying.planner.shutdown(flying.t_ns)
+    flying.channel.ours(messages)
+    if leaves:
+        flying.until(lambda: flying.planner.landing_shown, 3 * S, must=False)  # exit_limit_s
+    flying.planner.receive = flying.planner.wake = lambda *_, **__: []  # its process has ended
+    return leaves
+
+
+def slow_to_arm(flying, delay_ns):
+    """Have its armings take so long, and nothing else that it sends."""
+    send = flying.channel.ours
+
+    def slow(messages):
+        for message in messages:
+            arms = message.get_type() == "COMMAND_LONG" and message.command == ARM and message.param1 == 1.0
+            flying.channel.fate = (lambda: (delay_ns,)) if arms else good
+            send([message])
+            flying.channel.fate = good
+
+    flying.channel.ours = slow
+
+
+@BOTH
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("delay_ns", [5 * MS, 800 * MS, 1500 * MS])
+def test_told_to_end_just_after_it_sent_an_arming_it_takes_it_back(mission, kind, delay_ns):
+    flying = Recorded(kind=kind)
+    slow_to_arm(flying, delay_ns)
+    flying.take_off(mission)
+    flying.until(lambda: "arm" in flying.since(0), 20 * S)
+    assert (flying.planner.watch.armed, told_to_end(flying)) == (False, True)
+    flying.run(2 * S)
+    assert (flying.craft.armed, flying.craft.height_m) == (False, 0.0)
+
+
+@BOTH
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_told_to_end_while_an_abort_guards_an_arming_that_is_late_it_stays_for_it(mission, kind):
+    flying = Recorded(kind=kind)
+    slow_to_arm(flying, 1500 * MS)
+    flying.take_off(mission)
+    flying.until(lambda: "arm" in flying.since(0), 20 * S)
+    assert flying.command(A.ABORT) == ""
+    flying.run(1200 * MS)
+    assert (flying.planner.watch.armed, told_to_end(flying)) == (False, True)
+    flying.run(2 * S)
+    assert (flying.craft.armed, flying.craft.height_m) == (False, 0.0)
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_told_to_end_with_an_arming_under_way_it_leaves_the_vehicle_to_a_pilot_who_takes_it(kind):
+    flying = Recorded(kind=kind)
+    slow_to_arm(flying, 800 * MS)
+    flying.take_off("line")
+    flying.until(lambda: "arm" in flying.since(0), 20 * S)
+    leaves, messages = flying.planner.shutdown(flying.t_ns)
+    flying.channel.ours(messages)
+    flying.run(500 * MS)
+    flying.craft.pilot_takes_over("POSCTL", 600 * S)
+    assert (leaves, flying.planner.landing_shown) == (True, False)
+    flying.until(lambda: flying.craft.armed, S)
+    armed_ns = flying.t_ns
+    flying.until(lambda: flying.planner.landing_shown, 2500 * MS)
+    assert (flying.since(armed_ns), flying.craft.armed, flying.craft.mode) == ([], True, "POSCTL")
+
+
+def test_told_to_end_once_an_arming_cannot_be_late_any_more_it_ends():
+    flying = Recorded()
+    flying.take_off("line")
+    flying.until(lambda: "arm" in flying.since(0), 20 * S)
+    assert flying.command(A.ABORT) == ""
+    flying.run(5 * S)
     assert flying.planner.shutdown(flying.t_ns) == (False, ())
     assert flying.planner.landing_shown
 

@@ -245,3 +245,34 @@ def test_over_a_bad_link_nothing_is_done_twice(mission, seed):
     flying.take_off(mission)
     flying.until_phase(P.LANDED)
     assert (len(armed), flying.status.waypoint) == (1, 3)
+
+
+@example("line", PX4, 300, 800, 1300, 0)
+@example("inside", ARDUPILOT, 5, 0, 3000, 0)
+@settings(max_examples=30, deadline=None)
+@given(
+    st.sampled_from(["line", "inside"]),
+    st.sampled_from([PX4, ARDUPILOT]),
+    st.integers(1, 400),
+    st.integers(0, 4000),
+    st.integers(0, 3000),
+    st.sampled_from([0, 5, 15]),
+)
+def test_told_to_end_at_any_moment_of_a_takeoff_it_leaves_no_vehicle_armed(
+    mission, autopilot, slow_ms, told_ms, abort_ms, lost_percent
+):
+    """It may be in the air by then: there it lands."""
+    random = Random(slow_ms)
+    flying = Watched(kind=autopilot)
+    assert flying.load(mission).accepted
+    flying.channel.fate = lambda: () if random.random() * 100 < lost_percent else (slow_ms * MS,)
+    flying.command(A.TAKEOFF)
+    if abort_ms < told_ms:
+        flying.run(abort_ms * MS)
+        flying.command(A.ABORT)
+    flying.run(max(0, told_ms - abort_ms if abort_ms < told_ms else told_ms) * MS)
+    shut_down(flying, None)
+    flying.until(lambda: flying.planner.landing_shown, 3 * S, must=False)  # exit_limit_s
+    flying.planner.receive = flying.planner.wake = lambda *_, **__: []  # its process has ended
+    flying.run(S)
+    flying.until(lambda: not flying.craft.armed or flying.craft.mode == "AUTO.LAND", S)

@@ -188,19 +188,24 @@ class MissionPlannerNode:
             tell_link("mission planner", self._autopilot, self._autopilot.planner_link, problem)
 
     def _leave(self) -> None:
-        """Land before the link is closed, where it flies and no pilot does."""
+        """Land before the link is closed, where it flies and no pilot does; on the ground, take back an arming."""
         if not self._link.ask(self.planner.shutdown):
             return
-        began_s = time.monotonic()
+        began_s, on_ground = time.monotonic(), self.planner.takes_back
         if self._link.wait_for(lambda: not self.planner.landing_waits, self._exit_s) and not self.planner.landing_taken:
-            lands = replace(self._status(), phase=MissionPhase.LANDING, message="the planner ends: it lands")
+            last = replace(self._status(), message=f"the planner ends: it {'disarms' if on_ground else 'lands'}")
+            last = last if on_ground else replace(last, phase=MissionPhase.LANDING)
             with suppress(rospy.ROSException):  # the master has closed the topic
-                self._publisher.publish(status_message(lands, self._clock.ros_ns()))  # it is no pilot who lands
+                self._publisher.publish(status_message(last, self._clock.ros_ns()))  # it is no pilot who lands
         left_s = max(0.0, began_s + self._exit_s - time.monotonic())
         shown = self._link.wait_for(lambda: self.planner.landing_shown, left_s)
         taken: str = self._link.ask(lambda _: (self.planner.landing_taken, ()))
-        said = taken or ("the vehicle lands" if shown else "a landing was commanded and is not confirmed")
-        print(f"mission_planner: ended in flight: {said}", flush=True)
+        where, does, command = "in flight", "lands", "landing"
+        if on_ground:
+            where, does, command = "on the ground", "is disarmed", "disarming"
+            shown = shown and self.planner.watch.armed is False
+        said = taken or (f"the vehicle {does}" if shown else f"a {command} was commanded and is not confirmed")
+        print(f"mission_planner: ended {where}: {said}", flush=True)
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""
