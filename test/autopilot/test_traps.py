@@ -15,6 +15,7 @@ from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 
 ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+ASK_RATE = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 GCS, ONBOARD = mavlink.MAV_TYPE_GCS, mavlink.MAV_TYPE_ONBOARD_CONTROLLER
 
 
@@ -172,3 +173,21 @@ def test_px4_disarms_by_itself_after_the_landing_and_only_then_it_is_landed(acti
     flying.until(lambda: not flying.craft.armed)
     assert (flying.t_ns - down_ns) / S == pytest.approx(wait_s, abs=0.1)
     flying.until_phase(MissionPhase.LANDED, limit_ns=3 * S)
+
+
+@pytest.mark.parametrize("silent_s", [30, 2], ids=["unplugged", "started again at once"])
+def test_a_planner_asks_as_often_after_the_tenth_start_of_the_autopilot_as_after_the_first(silent_s):
+    planner, t_ns, wanted = Flying().planner, 1000 * S, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+    for _ in range(10):
+        started_ns, asked_ns = t_ns, []
+        for second in range(40):
+            t_ns = started_ns + second * S
+            position = mavlink.MAVLink_local_position_ned_message(1 + second * 1000, 0, 0, 0, 0, 0, 0)
+            for message in (beat(4 << 16 | 3 << 24), position):
+                message._header = mavlink.MAVLink_header(message.get_msgId(), srcSystem=1, srcComponent=1)
+                planner.receive(t_ns, message)
+            asked = [each for _ in range(5) for each in planner.wake(t_ns) if each.get_type() == "COMMAND_LONG"]
+            asked_ns += [t_ns for each in asked if (each.command, each.param1) == (ASK_RATE, wanted)]
+        pauses_s = [(later - earlier) // S for earlier, later in zip(asked_ns, asked_ns[1:])]
+        assert (asked_ns[0] - started_ns, pauses_s) == (0, [3, 3, 3, 3])
+        t_ns += silent_s * S

@@ -92,7 +92,7 @@ class Sequencer:
         self._procedure: Optional[Procedure] = None
         self._flight = FlightRecord(self.watch)
         self._setpoint_ns = 0
-        self._rates = Rates(settings.streams_hz)
+        self._rates, self._asked_since = Rates(settings.streams_hz), (0, 0)
         self._verification: Optional[MissionUpload] = None
         self._landing = ""  # why it is landed, whatever else is asked for
         self._unasked = OwnLanding(self.watch, self._spec.vehicle_age_limit_ns)
@@ -108,6 +108,7 @@ class Sequencer:
         """Take a message of the vehicle; not heard: another one's answer in its place."""
         self._look(t_ns)
         self.watch.take(t_ns, message, heard=heard)
+        self._ask_anew()
         self._rates.heard(t_ns, message.get_type())
         if message.get_type() == "MISSION_CURRENT":
             self._look_at_mission()
@@ -145,6 +146,13 @@ class Sequencer:
             return sent
         asked = self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)
         return [*sent, *self._ask(t_ns), *asked]
+
+    def _ask_anew(self) -> None:
+        """Forget how often its messages were asked for, where it was silent or has started: it may have forgotten."""
+        since = self.watch.speaks_since_ns, self.watch.power_on.starts
+        if since != self._asked_since:
+            self._asked_since = since
+            self._rates.forget()
 
     def _ask(self, t_ns: int) -> List[Message]:
         """Ask for what the vehicle has not said and must."""
