@@ -50,6 +50,12 @@ class Story:
         height_mm = round(1000 * above_home_m)
         self.watch.take(self.t_ns, mavlink.MAVLink_global_position_int_message(0, 1, 1, 0, height_mm, 0, 0, 0, 0))
 
+    def at(self, item):
+        """Say at which item of its mission it is, which the planner looks at; return what is sent."""
+        self.t_ns += MS
+        self.watch.take(self.t_ns, mavlink.MAVLink_mission_current_message(item))
+        return self.after(0)
+
     def after(self, ms):
         """Let time pass; return (command, first three parameters) of what is sent."""
         self.t_ns += ms * MS
@@ -297,13 +303,55 @@ def test_a_resume_goes_back_to_its_item_when_the_autopilot_has_forgotten_it():
     assert story.after(100) == [(SET_MODE, 1.0, 4.0, 4.0)]
 
 
-def test_a_resume_of_an_ardupilot_goes_back_to_the_turn_before_its_item_wherever_it_is():
+def resume_of_an_ardupilot(said=5):
+    """Return one of a mission that was held on its way to the waypoint behind a turn; it says at which item it is."""
     story = Story(A.RESUME, copter=True, mode="AUTO.LOITER", resume_item=5)
-    story.watch.take(0, mavlink.MAVLink_mission_current_message(5))
-    assert story.after(0) == [("MISSION_SET_CURRENT", 4)]
+    assert story.at(said) == [("MISSION_SET_CURRENT", 4)]
+    return story
+
+
+def test_a_resume_of_an_ardupilot_goes_back_to_the_turn_before_its_item_wherever_it_is():
+    story = resume_of_an_ardupilot()
     assert story.after(100) == []
     story.beat("AUTO.LOITER")
-    assert story.after(100) == [(SET_MODE, 1.0, 3.0, 0.0)]
+    assert story.after(100) == []
+    assert story.at(4) == [(SET_MODE, 1.0, 3.0, 0.0)]
+    assert story.at(5) == []  # where it is from then on
+
+
+def test_an_ardupilot_that_says_what_it_said_before_is_sent_back_to_the_turn_again():
+    story = resume_of_an_ardupilot()
+    for _ in range(4):
+        story.beat("AUTO.LOITER")
+        assert story.at(5) == story.after(100) == []
+    assert story.after(100) == [("MISSION_SET_CURRENT", 4)]
+    assert story.at(4) == [(SET_MODE, 1.0, 3.0, 0.0)]
+    assert story.procedure.reason == ""
+
+
+def test_a_mission_of_an_ardupilot_goes_on_after_a_while_without_the_heading_of_its_waypoint_and_says_so():
+    story, sent = resume_of_an_ardupilot(), []
+    for _ in range(10):
+        story.beat("AUTO.LOITER")
+        sent += story.at(5) + story.after(99)
+    assert sent == [("MISSION_SET_CURRENT", 4), (SET_MODE, 1.0, 3.0, 0.0)]
+    story.beat("AUTO.MISSION", armed=True)
+    story.watch.results[START] = "MAV_RESULT_ACCEPTED"
+    story.after(100)
+    story.watch.results[START] = "MAV_RESULT_ACCEPTED"
+    story.after(100)
+    reason = "it goes on without the heading of its waypoint"
+    assert (story.procedure.progress, story.procedure.reason) == (Progress.DONE, reason)
+
+
+@pytest.mark.parametrize("said", [1, 7])
+def test_an_ardupilot_that_is_at_another_item_does_not_go_on(said):
+    story, sent = resume_of_an_ardupilot(said), []
+    for _ in range(41):
+        story.beat("AUTO.LOITER")
+        sent += story.at(said) + story.after(100)
+    assert set(sent) == {("MISSION_SET_CURRENT", 4)}
+    assert story.procedure.progress is Progress.FAILED
 
 
 def test_a_resume_of_an_ardupilot_that_was_in_no_mission_changes_the_mode_alone():

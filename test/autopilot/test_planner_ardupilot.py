@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import count
 from random import Random
 
 import pytest
@@ -148,6 +149,28 @@ def test_held_on_its_way_it_looks_where_the_file_says_all_the_same(held_s):
     assert (heading_of(flying), flying.status.waypoint) == (-1.0, 2)
     flying.until_phase(P.LANDED)
     assert flying.status.waypoint == 3
+
+
+@pytest.mark.parametrize("lost", [1, 100])
+def test_sent_back_to_its_heading_in_vain_it_is_sent_again_and_goes_on_all_the_same_and_says_so(lost):
+    flying, number = ardupilot(plans=(plan("aside", (ASIDE,), Controller.MISSION),)), count()
+    flying.take_off("aside")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    flying.command(A.HOLD)
+    flying.until_phase(P.HOLDING)
+    flying.run(2 * S)
+    send = flying.channel.ours
+    flying.channel.ours = lambda messages: send(
+        [each for each in messages if each.get_type() != "MISSION_SET_CURRENT" or next(number) >= lost]
+    )
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.FLYING, limit_ns=4 * S)
+    flying.until(lambda: flying.craft.reached == 2)
+    all_lost = lost > 1
+    assert (heading_of(flying) == -1.0, flying.status.waypoint) == (not all_lost, 2)
+    assert flying.status.message == ("it goes on without the heading of its waypoint" if all_lost else "")
+    flying.until_phase(P.LANDED)
+    assert (flying.status.waypoint, flying.status.message) == (3, "")
 
 
 def test_a_turn_that_is_told_as_reached_is_no_waypoint():

@@ -74,6 +74,8 @@ class Step(NamedTuple):
         limited: given up after the limit of a command; False: it has a limit of its own.
         agreed: whether more than one message shows it; until then nothing is sent while the last one does.
         why: why it does not show, in words; empty: nobody knows more than that.
+        said_ns: when the vehicle said last what shows it; None: by its heartbeat, or its flight mode.
+        without: what is left out, in words, where it goes on after a while all the same; None: it does not.
     """
 
     name: str
@@ -86,6 +88,8 @@ class Step(NamedTuple):
     limited: bool = True
     agreed: Callable[[Means], bool] = lambda _: True
     why: Callable[[Means], str] = lambda _: ""
+    said_ns: Optional[Callable[[Means], Optional[int]]] = None
+    without: Callable[[Means], Optional[str]] = lambda _: None
 
 
 # --- steps ------------------------------------------------------------------------------------------------------------
@@ -210,17 +214,28 @@ _ITEM = Step(
     always=False,
     only=Dialect.PX4,
 )
+
+
+def _without_turn(means: Means) -> Optional[str]:
+    """Return what a mission goes on without that is at its waypoint, and was not sent back to the turn before it."""
+    if means.watch.current not in (means.resume_item, _beginning(means)):
+        return None
+    return "" if _beginning(means) == means.resume_item else "it goes on without the heading of its waypoint"
+
+
 #: ArduPilot is sent to it also where it is there already: it has forgotten its heading; what it says then is the item
-#: that it was told, and the waypoint behind it from then on
+#: that it was told, and the waypoint behind it from then on. That one it said before as well: it shows nothing
 _TURN = Step(
     "return to the item where it stopped, and to its heading",
-    lambda means, _: means.resume_item is None or means.watch.current in (means.resume_item, _beginning(means)),
+    lambda means, _: means.resume_item is None or means.watch.current == _beginning(means),
     lambda means: (
         None
         if means.resume_item is None
         else mavlink.MAVLink_mission_set_current_message(*means.watch.target, _beginning(means))
     ),
     only=Dialect.ARDUPILOT,
+    said_ns=lambda means: means.watch.heartbeat_ns if means.resume_item is None else means.watch.current_ns,
+    without=_without_turn,
 )
 _STREAM = Step(
     "stream of set-points",
@@ -266,6 +281,7 @@ def steps_of(controller: Controller, action: MissionAction, dialect: Dialect) ->
 
 
 _SILENT_NS = 1_500_000_000  # longer than between two heartbeats
+_WITHOUT_NS = 1_000_000_000  # so long it waits for what a command may go on without; sent again meanwhile
 _NO_REASONS = ("MAV_RESULT_ACCEPTED", "MAV_RESULT_IN_PROGRESS")
 
 
@@ -311,6 +327,7 @@ class Procedure:
         self._sent_ns: float = -math.inf
         self._first_ns: float = math.inf
         self.changes_mode = False  # a change of mode was sent
+        self._left_out = ""  # what it went on without, in words
         self._others = Agreement()  # on somebody else who has chosen what the vehicle does
         self._forget_result()
 
@@ -329,7 +346,7 @@ class Procedure:
             silent = f"the vehicle was silent for {limit_ns / 1e9:g} s"
             return self._end(Progress.SILENT, silent if unknown == SILENT else unknown)
         self._pause(t_ns)
-        while self._shown(t_ns) and self._steps[self._number].agreed(self._means):
+        while self._is_over(t_ns):
             self._number += 1
             if self._number == len(self._steps):
                 return self._end(Progress.DONE)
@@ -361,7 +378,7 @@ class Procedure:
 
     def _end(self, progress: Progress, why: str = "") -> List[Message]:
         self.progress = progress
-        self.reason = f"{self.action.name.lower()} ended: {why}" if why else ""
+        self.reason = f"{self.action.name.lower()} ended: {why}" if why else self._left_out
         return []
 
     def _forget_result(self) -> None:
@@ -374,6 +391,15 @@ class Procedure:
         if not self._means.watch.known(t_ns, _SILENT_NS):
             self._since_ns += passed_ns
 
+    def _is_over(self, t_ns: int) -> bool:
+        """Return whether the step is done, or was waited for in vain, and what it is for may be left out."""
+        step = self._steps[self._number]
+        if self._shown(t_ns):
+            return step.agreed(self._means)
+        without = step.without(self._means) if t_ns - max(self._since_ns, self._first_ns) >= _WITHOUT_NS else None
+        self._left_out = without or self._left_out
+        return without is not None
+
     def _shown(self, t_ns: int) -> bool:
         """Return whether the vehicle shows the effect, by a heartbeat (a mode: CURRENT_MODE, too) after the command.
 
@@ -382,6 +408,7 @@ class Procedure:
         """
         step, watch = self._steps[self._number], self._means.watch
         said_ns = watch.mode_ns if step.mode else watch.heartbeat_ns
+        said_ns = said_ns if step.said_ns is None else step.said_ns(self._means)
         after = not step.always or (said_ns is not None and said_ns > self._first_ns)
         kept = self.action is MissionAction.HOLD and watch.control.may_wait and not watch.control.acts_unasked
         return (after or kept) and step.done(self._means, t_ns)
