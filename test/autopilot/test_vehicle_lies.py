@@ -464,6 +464,45 @@ def test_a_disarming_that_is_under_way_is_not_sent_into_the_air_by_one_on_ground
     assert lied.commands(ARM) == sent
 
 
+def taking_off(mission, kind):
+    """Return a takeoff from a mode of the sticks, just when it arms: the vehicle has shown a mode of ours."""
+    lied = Lied(kind)
+    lied.craft.command_mode("POSCTL")
+    lied.run(2 * S)
+    lied.take_off(mission)
+    lied.until(lambda: "arm" in lied.since(0))
+    return lied
+
+
+@EACH
+@BOTH
+def test_a_heartbeat_of_before_the_takeoff_that_is_overtaken_on_its_way_ends_no_takeoff(mission, kind):
+    lied = taking_off(mission, kind)
+    lied.run(100 * MS)
+    sent_ns = lied.t_ns
+    lied.forge(("mode", "POSCTL"), ("armed", False))
+    lied.run(50 * MS)
+    assert lied.since(sent_ns) == []
+    lied.until_phase(P.LANDED)
+    assert (lied.status.waypoint, lied.status.message) == (3, "")
+
+
+@EACH
+@BOTH
+@pytest.mark.parametrize("late_ms", [0, 400])
+def test_a_pilot_who_takes_the_vehicle_back_during_the_takeoff_has_it_also_just_after_our_mode(mission, kind, late_ms):
+    lied = taking_off(mission, kind)
+    lied.craft.flags.not_ready = {"rc": "it does not arm"}
+    lied.run(late_ms * MS)
+    lied.craft.command_mode("POSCTL")
+    taken_ns = lied.t_ns
+    lied.run(4 * S)
+    ended = "takeoff ended: the vehicle went to POSCTL by itself"
+    said = "the pilot has control (mode POSCTL)" if lied.craft.armed else ended
+    assert (lied.craft.mode, lied.status.message) == ("POSCTL", said)
+    assert not {"AUTO.LOITER", "AUTO.MISSION", "OFFBOARD", "start", "takeoff"} & set(lied.since(taken_ns))
+
+
 def test_one_on_ground_in_the_air_moves_the_place_of_the_takeoff_nowhere():
     """Heights above it, and distances from it, are limits of the flight."""
     lied = LiedClient().advance(1.0)

@@ -281,6 +281,7 @@ def steps_of(controller: Controller, action: MissionAction, dialect: Dialect) ->
 
 
 _SILENT_NS = 1_500_000_000  # longer than between two heartbeats
+_OVERTAKEN_NS = 300_000_000  # so much later than the mode that we chose the one before may be told: packets overtake
 _WITHOUT_NS = 1_000_000_000  # so long it waits for what a command may go on without; sent again meanwhile
 _NO_REASONS = ("MAV_RESULT_ACCEPTED", "MAV_RESULT_IN_PROGRESS")
 
@@ -327,6 +328,7 @@ class Procedure:
         self._sent_ns: float = -math.inf
         self._first_ns: float = math.inf
         self.changes_mode = False  # a change of mode was sent
+        self._answered_ns = t_ns  # when the first mode that was commanded here was shown
         self._left_out = ""  # what it went on without, in words
         self._others = Agreement()  # on somebody else who has chosen what the vehicle does
         self._forget_result()
@@ -347,6 +349,7 @@ class Procedure:
             return self._end(Progress.SILENT, silent if unknown == SILENT else unknown)
         self._pause(t_ns)
         while self._is_over(t_ns):
+            self._answered_ns = self._answered_ns if self._answered else t_ns
             self._number += 1
             if self._number == len(self._steps):
                 return self._end(Progress.DONE)
@@ -362,6 +365,7 @@ class Procedure:
             self._late(t_ns)
         watch = self._means.watch
         blind = not heard and watch.pilot  # the last that was heard: whether he still flies is not known
+        blind = blind or self._is_overtaken()
         hands_off = taken or blind or (watch.armed and watch.may_be_pilot) or self._asks() or self._shown(t_ns)
         return self._send(t_ns) if sends and self.running and not hands_off else []
 
@@ -430,10 +434,16 @@ class Procedure:
         """Return whether the vehicle has shown a mode that was commanded here: from then on any other is not ours."""
         return any(step.command == _SET_MODE for step in self._steps[: self._number])
 
+    def _is_overtaken(self) -> bool:
+        """Return whether the mode of before may have been said before ours, and came after it; the next one tells."""
+        watch = self._means.watch
+        before = watch.latest_mode == self._start_mode and watch.latest_mode not in self._means.commanded
+        return before and self._answered and watch.latest_ns - self._answered_ns <= _OVERTAKEN_NS
+
     def _taken(self) -> Tuple[str, int]:
         """Return who has chosen what the vehicle does, in words, and when it said so; empty: nobody but us."""
         watch, step, mode_ns = self._means.watch, self._steps[self._number], self._means.watch.mode_ns or 0
-        if self._answered and watch.latest_mode not in self._means.commanded:
+        if self._answered and watch.latest_mode not in self._means.commanded and not self._is_overtaken():
             return f"the vehicle went to {watch.latest_mode} by itself", watch.latest_ns
         if watch.armed and not is_foreign(watch.mode) and self._ends_a_failsafe():
             return f"the autopilot acts by its failsafe (mode {watch.mode})", mode_ns
