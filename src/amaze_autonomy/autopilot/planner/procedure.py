@@ -216,11 +216,15 @@ _ITEM = Step(
 )
 
 
+def _turns(means: Means) -> bool:
+    """Return whether a turn stands before the item where it stopped."""
+    return means.resume_item is not None and _beginning(means) != means.resume_item
+
+
 def _without_turn(means: Means) -> Optional[str]:
     """Return what a mission goes on without that is at its waypoint, and was not sent back to the turn before it."""
-    if means.watch.current not in (means.resume_item, _beginning(means)):
-        return None
-    return "" if _beginning(means) == means.resume_item else "it goes on without the heading of its waypoint"
+    there = _turns(means) and means.watch.current in (means.resume_item, _beginning(means))
+    return "it goes on without the heading of its waypoint" if there else None
 
 
 #: ArduPilot is sent to it also where it is there already: it has forgotten its heading; what it says then is the item
@@ -234,7 +238,7 @@ _TURN = Step(
         else mavlink.MAVLink_mission_set_current_message(*means.watch.target, _beginning(means))
     ),
     only=Dialect.ARDUPILOT,
-    said_ns=lambda means: means.watch.heartbeat_ns if means.resume_item is None else means.watch.current_ns,
+    said_ns=lambda means: means.watch.current_ns if _turns(means) else means.watch.heartbeat_ns,
     without=_without_turn,
 )
 _STREAM = Step(
