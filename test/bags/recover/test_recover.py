@@ -166,7 +166,9 @@ def test_a_damaged_chunk_without_its_index_is_named_from_its_first_byte_to_its_l
     source.write_bytes(raw)
     found = scan(source, check_data=True)
     size = head.data + head.stored - chunk.position
-    assert found.damages == [Damage(chunk.position, size, "a chunk is damaged, and the index behind it", None)]
+    damaged, cut = found.damages
+    assert damaged == Damage(chunk.position, size, "a chunk is damaged, and the index behind it", None)
+    assert cut.what == "the file is cut: its header counts 5 chunks, and 2 were found"
     assert found.lost is None
 
 

@@ -395,3 +395,42 @@ def test_two_connections_of_one_number_in_a_bag_that_was_not_closed_are_told(tmp
     )
     assert told.offset > 0
     assert [each for each in scan(whole).damages if "two connections" in each.what] == []
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("check_data", [True, False])
+def test_a_closed_bag_that_is_cut_between_two_chunks_lacks_what_its_header_counts(tmp_path, compression, check_data):
+    whole = recording(tmp_path / "whole.bag", compression, chunk_bytes=5000)
+    raw, path = whole.read_bytes(), tmp_path / "cut.bag"
+    with Index(whole) as index:
+        chunks, begin = [(each.position, each.end) for each in index.chunks], index.position
+    assert len(chunks) > 3
+    for cut in (chunks[1][1], chunks[1][1] - 5, chunks[-2][1], chunks[0][0]):  # - 5: in the last index record
+        path.write_bytes(raw[:cut])
+        found = scan(path, check_data=check_data)
+        assert (found.lost, found.lost_inside) == (None, 0), (cut, found.damages)
+        assert found.damages[-1].what.startswith(f"the file is cut: its header counts {len(chunks)} chunks, and ")
+    for cut in (begin, begin + 30, len(raw) - 1):  # all chunks are there
+        path.write_bytes(raw[:cut])
+        assert scan(path, check_data=check_data).lost == 0, cut
+
+
+def test_a_bag_that_is_being_recorded_says_how_many_chunks_it_has_when_it_is_closed_alone(tmp_path):
+    whole = recording(tmp_path / "whole.bag")
+    raw = re.sub(rb"(chunk_count|index_pos)=.{4}", lambda match: match[1] + b"=" + bytes(4), whole.read_bytes()[:4117])
+    with Index(whole) as index:
+        (tmp_path / "x.bag.active").write_bytes(raw + whole.read_bytes()[4117 : index.chunks[1].end])
+    found = scan(tmp_path / "x.bag.active")
+    assert [(each.what, each.lost) for each in found.damages] == [("the bag was not closed", 0)]
+
+
+def test_a_chunk_with_fewer_bytes_than_it_says_is_not_whole_though_it_ends_with_a_message(tmp_path):
+    whole = recording(tmp_path / "whole.bag")
+    with Index(whole) as index:
+        data, chunks = index.head(len(index.chunks) - 1).data, len(index.chunks)
+    ends = [end for _, end, _ in places(whole) if end > data]
+    path = tmp_path / "cut.bag"
+    path.write_bytes(whole.read_bytes()[: ends[2]])
+    found = scan(path)
+    assert (found.lost, len(found.chunks)) == (None, chunks)
+    assert [each.what for each in found.damages] == ["a chunk is not whole"]

@@ -341,6 +341,10 @@ class _Scanner:
         )
         if closed and not self._index_at:
             self._damage(0, self._first, "the header does not say where the index is", 0)
+        met = len(self._visited.union(chunk.position for chunk in self._chunks))
+        if not closed and not self._index_at and met < self._chunk_count:  # 0 while it is being recorded
+            what = f"the file is cut: its header counts {self._chunk_count} chunks, and {met} were found"
+            self._damage(self._size, self._size, what, None)
         if not closed and not any(damage.offset + damage.size == self._size for damage in self._damages):
             self._damage(self._size, self._size, "the bag was not closed", 0)
         chunks = [self._described(each) for each in self._chunks]
@@ -693,7 +697,7 @@ class _Scanner:
             data = b""
         kept = salvaged(data, list(entries.rows()) or None)
         self._add(position, stop, entries.end, kept, data, head._replace(size=-1))
-        ended = bool(entries.parts) or stop == self._size  # else at least the index is missing
+        ended = bool(entries.parts) or stop == self._size >= head.data + head.stored  # else something is missing
         whole = whole and ended and len(raw) == stop - head.data
         if stop < self._size or entries.parts or not whole or kept.gaps:
             plain = head.compression == "none" and kept.gaps and not entries.parts
