@@ -476,8 +476,8 @@ def test_a_topic_that_is_not_utf_8_is_shown_merged_and_verified(capsys, tmp_path
     source = bag(tmp_path / "1.bag", rows("/odd", 5))
     source.write_bytes(source.read_bytes().replace(b"/odd", b"/\xe9\xe8d"))
     status, out, _ = run(capsys, "info", source)
-    assert (status, "/\\udce9\\udce8d" in out) == (0, True)
-    assert run(capsys, "merge", source, "-o", tmp_path / "m.bag", "--verify", "--readers", "none")[0] == 0
+    assert (status, "/_xe9_xe8d" in out) == (0, True)
+    assert run(capsys, "merge", source, "-o", tmp_path / "m.bag", "--verify")[0] == 0
 
 
 def test_the_script_starts_it():

@@ -107,7 +107,7 @@ def test_a_connection_behind_one_is_seen(tmp_path):
         start = offsets[START_NS]
         payload = start + 8 + struct.unpack_from("<L", data, start)[0]
         size = struct.unpack_from("<L", data, payload - 4)[0]
-        hidden = connection_record(77, b"/x", b"\x09\0\0\0type=a/b\x0a\0\0\0md5sum=" + b"0" * 3)
+        hidden = connection_record(77, b"/x", b"\x08\0\0\0type=a/b\x0a\0\0\0md5sum=" + b"0" * 3)
         struct.pack_into("<L", data, payload - 4, size - len(hidden))
         data[payload + size - len(hidden) : payload + size] = hidden
 

@@ -10,6 +10,7 @@ from replay_bags import START_NS
 from test_header_numbers import inertial, numbered
 
 from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.format import UNREADABLE
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.recording import job, parts
 from amaze_autonomy.recording.job import Plan, Source, collect
@@ -271,6 +272,26 @@ def test_a_number_that_is_known_of_the_middle_is_the_least_and_counts():
 
 
 # --- files of which nothing can be read -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["camera-01.bag.active", "camera-01.bag"])
+def test_a_description_that_is_not_utf_8_hinders_no_merge(session, name):
+    """In a closed bag it may be a comment in Latin-1, as an old driver publishes it."""
+    path = session / "main" / name
+    if name.endswith(".active"):
+        killed(path.parent, name, rows("/d", 50))
+    else:
+        bag(path, rows("/d", 50))
+    raw = path.read_bytes()
+    path.write_bytes(raw.replace(b"message_definition=s", b"message_definition=\xb0"))
+    assert path.read_bytes() != raw
+    content = listed_first(path.parent)
+    assert files_of(content) == [("camera-01.bag", False, 0), ("states-01.bag", False, 0)]
+    summary = collect(plan(session))
+    assert (summary.lost, summary.messages) == ((), 950)
+    made = manifest(session)
+    assert made["verified"]["ok"] is True
+    assert made["warnings"] == ([] if name.endswith(".active") else [f"/d: {UNREADABLE}"])
 
 
 @pytest.mark.parametrize("name", ["states-02.bag.active", "states-02.bag"])

@@ -251,8 +251,9 @@ def bag_header(index: int, connections: int, chunks: int) -> bytes:
 
 
 def connection_record(number: int, topic: bytes, header: bytes) -> bytes:
-    """Return a connection; `header` is its data, as it was recorded."""
+    """Return a connection; `header` is its data, as it was recorded: what nobody could read of it is made text."""
     fields = ((b"conn", _U32.pack(number)), (b"op", bytes([CONNECTION])), (b"topic", topic))
+    header = _readable(header)
     return _packed(fields) + _U32.pack(len(header)) + header
 
 
@@ -342,7 +343,7 @@ class Connection(NamedTuple):
 
     Args:
         number: in its bag.
-        topic: its name; bytes that are not UTF-8 are kept as surrogates.
+        topic: its name; bytes that are not UTF-8 are written as _xe9 in it, as in the other texts.
         kind: the type of its messages, e.g. "sensor_msgs/Imu".
         md5: of the type's definition.
         caller: name of the publishing node; "" when the bag does not say.
@@ -362,15 +363,20 @@ class Connection(NamedTuple):
     def plausible(self) -> bool:
         """Return whether nothing in it looks damaged."""
         texts = (self.topic, self.kind, self.caller)
-        damaged = any(not text.isprintable() for text in texts)  # surrogates, bytes that are no UTF-8, are not
-        complete = b"message_definition=" in self.header and "/" in self.kind
+        damaged = any(not text.isprintable() for text in texts) or ("_x" in self.topic and not self.agrees)
+        complete = self.is_readable and "/" in self.kind
         return complete and not damaged and re.fullmatch("[0-9a-f]{32}", self.md5) is not None
+
+    @property
+    def is_readable(self) -> bool:
+        """Return whether others can read what was recorded about it."""
+        return _readable(self.header) == self.header
 
     @property
     def definition(self) -> bytes:
         """Return the text that defines the type; empty when it is not told, or damaged."""
         try:
-            return fields_of(self.header, 0, len(self.header)).get(b"message_definition", b"").strip()
+            return fields_of(self.header, 0, len(self.header)).get(_DEFINITION, b"").strip()
         except RecordError:
             return b""
 
@@ -415,8 +421,33 @@ def connection_of(record: Record, header: bytes) -> Connection:
     )
 
 
+UNREADABLE = "others cannot read what describes it (not UTF-8, or no definition); it is written so that they can"
+_DEFINITION = b"message_definition"
+_ODD_LATCHING = re.compile(rb"latching=[^01]")
+
+
+def _readable(header: bytes) -> bytes:
+    """Return what was recorded about a connection as others can read it.
+
+    The rosbags library and rosbag refuse a whole bag for one byte there that is not UTF-8, be it in a comment of the
+    definition, for a definition that is missing, or for `latching` that is no number.
+    """
+    if header.isascii() and _DEFINITION + b"=" in header and _ODD_LATCHING.search(header) is None:
+        return header
+    fields = fields_of(header, 0, len(header))
+    texts = {_text(name).encode(): _text(value).encode() for name, value in fields.items()}
+    texts.setdefault(_DEFINITION, b"")
+    if texts.get(b"latching") and not texts[b"latching"].isdigit():
+        texts[b"latching"] = b"0"
+    return header if texts == fields else b"".join(pack_field(*each) for each in texts.items())
+
+
 def _text(value: bytes) -> str:
-    return value.decode("utf-8", "surrogateescape")
+    """Return a text; bytes in it that are not UTF-8 as _xe9, which is good in names of topics, types and fields."""
+    try:
+        return value.decode()
+    except UnicodeDecodeError:
+        return value.decode("utf-8", "backslashreplace").replace("\\x", "_x")
 
 
 # --- the data of chunks -----------------------------------------------------------------------------------------------

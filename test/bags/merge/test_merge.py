@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.bags.format import Connection, fields_of, pack_field
+from amaze_autonomy.bags.format import UNREADABLE, Connection, fields_of, pack_field
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge.manifest import Tally, merge_manifest
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
@@ -208,6 +208,21 @@ def test_the_definition_of_a_type_is_kept_whichever_input_has_it(tmp_path, place
     with Recording(path) as found:
         said = sorted(found.message(entry).data for entry in found.entries("/a"))
     assert said == sorted(raw[4:].decode() for _, _, raw in contents(path))
+
+
+@pytest.mark.parametrize("bad", [(0,), (1,), (0, 1)])
+def test_a_definition_that_is_not_utf_8_is_made_text_unless_an_input_has_a_readable_one(tmp_path, bad):
+    inputs = [bag(tmp_path / f"{each}.bag", rows("/a", 20, tag=str(each), caller="/n")) for each in range(2)]
+    with Index(inputs[0]) as index:
+        good = index.connections[0].definition
+    for each in bad:
+        raw = inputs[each].read_bytes()
+        inputs[each].write_bytes(raw.replace(b"message_definition=s", b"message_definition=\xb0"))
+    result = merged(tmp_path, inputs)
+    with Index(result.path) as index:
+        assert index.connections[0].definition == (b"_xb0" + good[1:] if len(bad) > 1 else good)
+    assert result.warnings == ((f"/a: {UNREADABLE}",) if len(bad) > 1 else ())
+    assert verify(result.path, inputs, readers="read").problems == ()
 
 
 @pytest.mark.parametrize("compression", ["lz4", "bz2"])

@@ -14,7 +14,7 @@ from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, ending, flipped
 
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.bags.format import record_at
+from amaze_autonomy.bags.format import UNREADABLE, record_at
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge import writer
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
@@ -434,3 +434,35 @@ def test_a_chunk_with_fewer_bytes_than_it_says_is_not_whole_though_it_ends_with_
     found = scan(path)
     assert (found.lost, len(found.chunks)) == (None, chunks)
     assert [each.what for each in found.damages] == ["a chunk is not whole"]
+
+
+def garbled(path, raw, field, place=0):
+    """Write a bag with a byte that is not UTF-8 in one description of a connection."""
+    flipped(path, raw, [each.end() for each in re.finditer(field, raw)][place], 7)
+
+
+@pytest.mark.parametrize(
+    "field", [b"message_definition=", b"message_", b"md5sum=", b"type=", b"callerid=", b"latching="]
+)
+@pytest.mark.parametrize("check_data", [True, False])
+def test_a_description_that_is_not_utf_8_is_told_and_written_so_that_others_can_read_it(tmp_path, field, check_data):
+    whole = bag(tmp_path / "whole.bag", rows("/a", 40, caller="/node"))
+    path = unclosed(whole, tmp_path / "x.bag.active")
+    garbled(path, path.read_bytes(), field)
+    done, there = recovered(tmp_path, path, check_data=check_data)
+    assert (there, done.scan.lost) == (contents(whole), 0)
+    assert f"/a: {UNREADABLE}" in [each.what for each in done.scan.damages]
+    assert verify(done.path, [], readers="read").problems == ()
+    assert scan(done.path, check_data=check_data).damages == []
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_where_one_of_the_chunk_and_the_index_is_readable_it_is_kept(tmp_path, place):
+    whole = bag(tmp_path / "whole.bag", rows("/a", 40), chunk_bytes=100_000)
+    raw = re.sub(rb"index_pos=.{8}", b"index_pos=" + bytes(8), whole.read_bytes(), count=1, flags=re.DOTALL)
+    garbled(tmp_path / "x.bag", raw, b"message_definition=", place)
+    done, there = recovered(tmp_path, tmp_path / "x.bag")
+    assert (there, done.scan.lost) == (contents(whole), 0)
+    with Index(whole) as before, Index(done.path) as index:
+        assert index.connections[0].definition == before.connections[0].definition
+    assert not any(UNREADABLE in each.what for each in done.scan.damages)

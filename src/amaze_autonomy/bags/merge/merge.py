@@ -20,7 +20,7 @@ import numpy as np
 from amaze_autonomy.units import SECOND
 
 from ..errors import BagError
-from ..format import MEMORY, Connection, Identity
+from ..format import MEMORY, UNREADABLE, Connection, Identity
 from ..index import ChunkHead, ChunkInfo, Index
 from ..read import GROUP_BYTES, Block, Loader, Pool, Table, check_times, relabel
 from ..write import Output
@@ -42,7 +42,7 @@ class Unified(NamedTuple):
         targets: for each input, an array from its numbers to ours.
         comparable: numbers that inputs of several origins have on the same topic; the same value for those whose
             messages may be the same ones.
-        warnings: topics with more than one definition.
+        warnings: topics with more than one definition, or with one that others cannot read.
     """
 
     connections: Dict[int, Connection]
@@ -54,8 +54,9 @@ class Unified(NamedTuple):
 def unify(inputs: Sequence[Index], origins: Sequence[int], *, publishers_apart: bool) -> Unified:
     """Give the same number to connections that are the same; keep the numbers of the first input.
 
-    What is kept of them is the first description that defines the type: md5s that are the same cover all of it but
-    comments and spaces, but some writers leave the text away, and without it nobody can read a message.
+    What is kept of them is the first description that defines the type, one that others can read before one that they
+    cannot: md5s that are the same cover all of it but comments and spaces, but some writers leave the text away, and
+    without it nobody can read a message.
     """
     numbers: Dict[Identity, int] = {}
     connections: Dict[int, Connection] = {}
@@ -70,12 +71,16 @@ def unify(inputs: Sequence[Index], origins: Sequence[int], *, publishers_apart: 
                 numbers[identity] = number if number not in connections else free
                 free = max(free, numbers[identity] + 1)
                 connections[numbers[identity]] = connection._replace(number=numbers[identity])
-            elif not connections[numbers[identity]].definition and connection.definition:
+            elif _worth(connection) > _worth(connections[numbers[identity]]):
                 connections[numbers[identity]] = connection._replace(number=numbers[identity])
             target[number] = numbers[identity]
             sources.setdefault(numbers[identity], set()).add(origin)
         targets.append(target)
     return Unified(connections, targets, _comparable(connections, sources), _warnings(connections))
+
+
+def _worth(connection: Connection) -> Tuple[bool, bool]:
+    return bool(connection.definition), connection.is_readable
 
 
 def _comparable(connections: Dict[int, Connection], sources: Dict[int, Set[int]]) -> Dict[int, int]:
@@ -97,12 +102,14 @@ def _warnings(connections: Dict[int, Connection]) -> Tuple[str, ...]:
     definitions: Dict[str, Set[Tuple[str, str]]] = {}
     for each in connections.values():
         definitions.setdefault(each.topic, set()).add((each.kind, each.md5))
-    return tuple(
+    several = [
         f"{topic} has {len(found)} definitions, which stay apart: "
         + ", ".join(f"{kind} ({md5})" for kind, md5 in sorted(found))
         for topic, found in sorted(definitions.items())
         if len(found) > 1
-    )
+    ]
+    unreadable = {each.topic for each in connections.values() if not each.is_readable}
+    return (*several, *(f"{topic}: {UNREADABLE}" for topic in sorted(unreadable)))
 
 
 # --- one input --------------------------------------------------------------------------------------------------------

@@ -31,6 +31,7 @@ from ..format import (
     MAGIC,
     MEMORY,
     MESSAGE,
+    UNREADABLE,
     Connection,
     Name,
     Record,
@@ -353,6 +354,8 @@ class _Scanner:
         if closed and not self._damages:
             self._ask_index()
         damages = self._balanced() if closed else self._damages
+        unreadable = [each.topic for each in self._connections.values() if not each.is_readable]
+        damages += [Damage(0, self._size, f"{topic}: {UNREADABLE}", 0) for topic in unreadable]
         reader = self._reader
         return Scan(
             reader.path,
