@@ -260,6 +260,10 @@ SWITCHES = (
         *((f"{name}:=no", f"{name}:=no is neither true nor false") for name in SWITCHES),
         ("output:=2024", "output:=2024 is a number or true or false to roslaunch: write its whole path"),
         ("recordings:=1.10", "recordings:=1.1 is a number or true or false to roslaunch: write its whole path"),
+        *(
+            (f"{name}:=a/run", f"{name}:=a/run begins with neither / nor ~: write its whole path")
+            for name in ("output", "runs", "recordings")
+        ),
         ("config:=true", "config:=True is a number or true or false to roslaunch: write its whole path"),
     ],
 )
@@ -276,7 +280,16 @@ def test_a_launch_that_cannot_be_is_refused_before_anything_starts(argument, wor
     assert caught.value.args == (words,)
 
 
-def test_the_folder_of_a_recorder_that_is_started_alone_is_no_number():
+@pytest.mark.parametrize("name", ["output", "runs", "recordings"])
+@pytest.mark.parametrize("given", ["/data/run", "~/run", "~", "~pilot/run"])
+def test_a_whole_path_is_a_folder_of_a_launch(name, given):
+    substitution = pytest.importorskip("roslaunch.substitution_args", reason="needs ROS")
+    checked = ET.parse(ROOT / "launch" / "autonomy.launch").getroot().findall("arg")
+    check = next(each.get("value") for each in checked if each.get("name") == f"_checked_{name}")
+    assert substitution.resolve_args(check, {"arg": {name: given}}) == "True"
+
+
+def test_the_folder_of_a_recorder_that_is_started_alone_is_no_number_and_no_part_of_a_path():
     substitution = pytest.importorskip("roslaunch.substitution_args", reason="needs ROS")
     checked = ET.parse(ROOT / "launch" / "recorder.launch").getroot().findall("arg")
     checks = {each.get("name"): each.get("value") for each in checked}
@@ -284,6 +297,9 @@ def test_the_folder_of_a_recorder_that_is_started_alone_is_no_number():
         assert substitution.resolve_args(checks[f"_checked_{name}"], {"arg": {name: "/data/2024"}}) == "True"
         with pytest.raises(KeyError, match=f"{name}:=2024 is a number"):
             substitution.resolve_args(checks[f"_checked_{name}"], {"arg": {name: "2024"}})
+    assert substitution.resolve_args(checks["_checked_folder"], {"arg": {"folder": ""}}) == "True"
+    with pytest.raises(KeyError, match="folder:=main/today begins with neither / nor ~: write its whole path"):
+        substitution.resolve_args(checks["_checked_folder"], {"arg": {"folder": "main/today"}})
 
 
 def loaded_launch(*words: str):
