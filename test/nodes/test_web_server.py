@@ -5,6 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import socket
+import sys
+from unittest.mock import Mock
 
 import pytest
 
@@ -189,3 +192,33 @@ def test_a_viewer_that_does_not_read_costs_nothing_but_its_own_view():
         lazy.close()
 
     served(story)
+
+
+@pytest.mark.parametrize("port", ["65536", "99999", "-1", "http", "80.5"])
+def test_a_port_that_there_is_not_is_refused_by_its_name(port, monkeypatch, capsys, tmp_path):
+    pytest.importorskip("rospy", reason="needs ROS")
+    from amaze_autonomy.nodes.web import node  # noqa: PLC0415
+
+    monkeypatch.setattr(node, "RosLink", Mock(side_effect=AssertionError("it was started")))
+    monkeypatch.setattr(sys, "argv", ["web", "--port", port, "--token-file", str(tmp_path / "token")])
+    assert node.main() == 2
+    assert capsys.readouterr().err == f"web: --port is {port!r}, must be a number, 0 to 65535\n"
+
+
+def test_a_port_that_somebody_has_and_an_address_of_nobody_here_are_named():
+    pytest.importorskip("rospy", reason="needs ROS")
+    from amaze_autonomy.nodes.web.node import listen  # noqa: PLC0415
+    from amaze_autonomy.ros.errors import StartError  # noqa: PLC0415
+
+    async def story():
+        with socket.create_server(("127.0.0.1", 0)) as other:
+            port = other.getsockname()[1]
+            with pytest.raises(StartError, match=f"^--port {port}: Address already in use$"):
+                listen(PageServer(TOKEN), "127.0.0.1", port)
+        with pytest.raises(StartError, match=r"^--address 192\.0\.2\.1: Cannot assign requested address$"):
+            listen(PageServer(TOKEN), "192.0.2.1", 0)
+        for address in ("no such name", "a" * 64 + ".b", ".."):
+            with pytest.raises(StartError, match=f"^--address {re.escape(address)}: "):
+                listen(PageServer(TOKEN), address, 0)
+
+    asyncio.run(story())

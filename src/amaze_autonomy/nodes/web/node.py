@@ -6,10 +6,11 @@ which is made, for its owner alone, where there is none; it is printed with the 
 
 from __future__ import annotations
 
+import errno
 import signal
 import sys
 from pathlib import Path
-from typing import List, Sequence
+from typing import List, Sequence, Tuple
 from urllib.parse import quote
 
 import rospkg
@@ -26,6 +27,8 @@ from ...ros.node_main import write_for_user_and_group
 from .server import PageServer, token_of
 
 _ERROR = 2
+_LAST_PORT = 65535
+_OF_THE_PORT = (errno.EADDRINUSE, errno.EACCES)
 
 
 def main() -> int:
@@ -45,9 +48,25 @@ def main() -> int:
 
 
 def _port() -> int:
-    if not given("port").isdecimal():
-        raise StartError(f"--port is {given('port')!r}, must be a number")
+    if not given("port").isdecimal() or int(given("port")) > _LAST_PORT:
+        raise StartError(f"--port is {given('port')!r}, must be a number, 0 to {_LAST_PORT}")
     return int(given("port"))
+
+
+def listen(server: PageServer, address: str, port: int) -> Tuple[str, int]:
+    """Let the server wait there; return address and port.
+
+    Raises:
+        StartError: It cannot; says which of the two it is.
+    """
+    try:
+        return server.listen(port, address)
+    except UnicodeError as error:  # of a name that no resolver can be asked for
+        raise StartError(f"--address {address}: is no address of this computer") from error
+    except OSError as error:
+        words = error.strerror or str(error)
+        told = f"--port {port}" if error.errno in _OF_THE_PORT else f"--address {address}"
+        raise StartError(f"{told}: {words}") from error
 
 
 def _serve(address: str, port: int, token: str, plans: Sequence[object]) -> int:
@@ -66,7 +85,7 @@ def _serve(address: str, port: int, token: str, plans: Sequence[object]) -> int:
     server.send = link.send
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: loop.add_callback_from_signal(loop.stop))
-    host, at = server.listen(port, address)
+    host, at = listen(server, address, port)
     name = f"[{host}]" if ":" in host else host
     print(f"web: the operator's page: http://{name}:{at}/#{quote(token)}", flush=True)
     print("web: who has the address with what follows # may command; without it one only looks", flush=True)
