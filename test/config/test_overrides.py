@@ -66,7 +66,7 @@ def test_a_mistake_in_a_vehicles_file_is_told_with_its_line(with_vehicle):
     path.write_text("# a comment\nautonomy.flight.max_height_ft: 10\n")
     with pytest.raises(ConfigError) as caught:
         load_configuration(with_vehicle, ["vehicle=small_quad"])
-    words = "flight.max_height_ft: is an unknown key; did you mean max_height_m?"
+    words = "flight.max_height_ft: is an unknown key; did you mean max_height_m (10 ft are 3.048 m)?"
     assert str(caught.value) == f"{path}:2: {words}"
     path.write_text("- 1\n")
     with pytest.raises(ConfigError, match="holds no overrides; must hold lines of file"):
@@ -87,7 +87,20 @@ NO_KEY = f"addresses no key; must be file.key.key=value with the file one of {FI
         ("autonomy.require_go.now=1", "leads through a single value; must address a key of a group"),
         ("autonomy.require_go=", "is empty; must be one YAML document"),
         ("autonomy.require_go=1", "require_go: is 1; must be true or false"),
-        ("autonomy.flight.max_height_ft=10", "flight.max_height_ft: is an unknown key; did you mean max_height_m?"),
+        ("autonomy.flight.max_height_ft=10",
+         "flight.max_height_ft: is an unknown key; did you mean max_height_m (10 ft are 3.048 m)?"),
+        ("recording.storage.min_free_mb=2000",
+         "storage.min_free_mb: is an unknown key; did you mean min_free_gb (2000 mb are 2 gb)?"),
+        ("recording.storage.min_free_mb=much",
+         "storage.min_free_mb: is an unknown key; did you mean min_free_gb (in gigabytes)?"),
+        ("recording.storage.min_free_percent=5",
+         "storage.min_free_percent: is an unknown key; did you mean min_free_fraction (5 percent are 0.05 fraction)?"),
+        ("recording.storage.min_free=2",
+         "storage.min_free: is an unknown key; did you mean min_free_fraction (as a fraction of 1)?"),
+        ("missions.flight.cruise_speed_cm_s=100",
+         "flight.cruise_speed_cm_s: is an unknown key; did you mean cruise_speed_m_s (100 cm_s are 1 m_s)?"),
+        ("missions.flight.cruise_speed_mm_s=100",
+         "flight.cruise_speed_mm_s: is an unknown key; did you mean cruise_speed_m_s (100 mm_s are 0.1 m_s)?"),
         ("autonomy.losses.planner_status_limit_s=2.0", "losses: is an unknown key; it is called failsafe now"),
         ("autonomy.flight.max_height_cm=900",
          "flight.max_height_cm: is an unknown key; did you mean max_height_m (900 cm are 9 m)?"),

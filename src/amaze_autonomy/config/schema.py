@@ -104,9 +104,11 @@ def _meant(name: str, value: Entry, known: Tuple[str, ...]) -> str:
     if _RENAMED.get(name) in known:
         return f"it is called {_RENAMED[name]} now"
     stem, unit = split_unit(name)
-    for candidate in known:
-        if split_unit(candidate)[0] in (stem, name) and split_unit(candidate)[1]:
-            return f"did you mean {candidate}{_in_other_unit(value, unit, split_unit(candidate)[1])}?"
+    same = [each for each in known if split_unit(each)[0] in (stem, name) and split_unit(each)[1]]
+    if same:
+        measured_alike = (each for each in same if converted(1.0, unit, split_unit(each)[1]))
+        candidate = next(measured_alike, same[0])
+        return f"did you mean {candidate}{_in_other_unit(value, unit, split_unit(candidate)[1])}?"
     close = difflib.get_close_matches(name, known, n=1)
     if close:
         return f"did you mean {close[0]}?"
