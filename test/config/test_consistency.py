@@ -107,6 +107,8 @@ def test_a_mission_needs_something_before_takeoff(mistake, small_file):
     "line, message",
     [
         ("required: [gsp]", "required.0: gsp is not a component of sensors.yaml; did you mean gps?"),
+        ("required: [Gps]", "required.0: Gps is not a component of sensors.yaml; did you mean gps?"),
+        ("tolerated: [the-camera]", "tolerated.0: the-camera is not a component of sensors.yaml; did you mean camera?"),
         ("tolerated: [gps, lidar]", "tolerated.1: lidar is not a component of sensors.yaml; known: gps, camera"),
         (
             "severities: {cameras: low}",
@@ -175,6 +177,8 @@ def test_recordings_are_in_a_whole_path_or_in_the_home(small, small_file, folder
 @pytest.mark.parametrize(
     "old, new, message",
     [
+        ("collector: main", "collector: Main", "2: collector: Main is not a platform; did you mean main?"),
+        ("groups: [all]", "groups: [All]", "4: platforms.main.groups.0: All is not a group; did you mean all?"),
         ("collector: main", "collector: man", "2: collector: man is not a platform; did you mean main?"),
         ("groups: [all]", "groups: [al]", "4: platforms.main.groups.0: al is not a group; did you mean all?"),
         (
@@ -182,6 +186,11 @@ def test_recordings_are_in_a_whole_path_or_in_the_home(small, small_file, folder
             "[camera image]",
             "6: groups.all.topics.0: is the text 'camera image'; "
             'must be the name of a topic, e.g. "/lrf/range"; "~" stands for the autonomy node',
+        ),
+        (
+            "collector: main\nplatforms:\n  main:",
+            "collector: up-board\nplatforms:\n  up-board:",
+            "4: platforms.up-board: is not a good name; must match [a-z][a-z0-9_]{0,63}",
         ),
         ("[/camera/image]", "[]", "6: groups.all.topics: is an empty list; must be a list of topics, at least 1"),
         (

@@ -53,6 +53,20 @@ def test_a_plan_brings_its_home_along(mission):
     assert plan.total.length_m == pytest.approx(1.0 + (1.0 + 5.56**2) ** 0.5 + 2.0, abs=0.01)
 
 
+@pytest.mark.parametrize("home, way_m", [([0, 0, 0], "5.27275e+06"), ([47.0, 8.1, 400.0], "7605.6")])
+def test_a_planned_home_that_is_elsewhere_is_named_and_not_each_item(mistake, mission, home, way_m):
+    document = json.loads(drawn((16, None, 47.00005, 8.0, 2)))
+    document["mission"]["plannedHomePosition"] = home
+    text = json.dumps(document, indent=1)
+    mission("", "up.plan")
+    assert mistake("up.plan", text) == (
+        f"up.plan:4: plannedHomePosition: is {home[0]:g}, {home[1]:g}, {way_m} m from its nearest item; "
+        "must be the place of the first takeoff, or its mission must have the key home"
+    )
+    folder = mission("    home: {latitude_deg: 47.0, longitude_deg: 8.0}\n", "up.plan", text)
+    assert load_configuration(folder).plans[0].home == Home(47.0, 8.0), "that of the plan does not count"
+
+
 def drawn(*items) -> str:
     """Return a plan of such items (command, heading, latitude, longitude, height), around 47, 8."""
     simple = [

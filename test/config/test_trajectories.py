@@ -50,10 +50,13 @@ def test_a_file_that_is_spelled_otherwise_is_guessed(mistake, small, small_file)
     )
 
 
-def test_a_file_that_is_no_csv_is_refused(mistake, small_file):
-    assert mistake("missions.yaml", small_file("missions.yaml").replace("up.csv", "sensors.yaml")) == (
-        "missions.yaml:4: missions.1.files.0: is the text 'sensors.yaml'; "
-        'must be a file inside the folder of the configuration, e.g. "trajectories/square.csv"'
+@pytest.mark.parametrize("name", ["sensors.yaml", "up.waypoints", "up.PLAN", ".csv/up"])
+def test_a_file_that_is_neither_csv_nor_plan_is_refused_for_that(mistake, small, small_file, name):
+    (small / name).parent.mkdir(exist_ok=True)
+    (small / name).touch()
+    assert mistake("missions.yaml", small_file("missions.yaml").replace("up.csv", name)) == (
+        f"missions.yaml:4: missions.1.files.0: is the text {name!r}; "
+        'must be a .csv or .plan file inside the folder of the configuration, e.g. "trajectories/square.csv"'
     )
 
 

@@ -138,6 +138,7 @@ def plans_of(
         reach = (own["max_height_m"] or limits.max_height_m, own["max_distance_m"] or limits.max_distance_m)
         try:
             trajectories = trajectories_of(values, files, home, here, places)
+            _check_planned_home(values, files, reach[1])
             if not values["touchdown_between_files"] and len(trajectories) > 1:
                 trajectories = (joined(trajectories),)
             fences = fences_of(values, files, home, here, places)
@@ -304,6 +305,24 @@ def _check_takeoff(values: Mapping[str, Any], files: Files, found: List[Trajecto
         wrong = f"is here, which is {away_m:.1f} m away in further repetitions"
         right = "must be the place of the takeoff, or the mission must end where it begins"
         raise found[0].error(found[0].waypoints[0], "place", wrong, right)
+
+
+def _check_planned_home(values: Mapping[str, Any], files: Files, distance_limit_m: float) -> None:
+    """Check that a home of a plan is near what is flown from it, or each item would be called too far away.
+
+    Raises:
+        WaypointError: nothing of its plan is within the distance limit.
+    """
+    plans = (file for file in _files_of(values, files) if isinstance(file, Route) and file.home is not None)
+    plan = next(plans, None)
+    if values["home"] is not None or plan is None or plan.home is None:
+        return
+    ways_m = [math.hypot(*plan.home.to_local(point.place)) for point in plan.points if point.place is not None]
+    if ways_m and min(ways_m) >= distance_limit_m:
+        home = f"{plan.home.latitude_deg:g}, {plan.home.longitude_deg:g}"
+        wrong = f"is {home}, {min(ways_m):.6g} m from its nearest item"
+        right = "must be the place of the first takeoff, or its mission must have the key home"
+        raise WaypointError(plan.file, plan.home_line, "plannedHomePosition", wrong, right)
 
 
 def _check_frames(values: Mapping[str, Any], found: List[Trajectory], here: Address, places: Places) -> None:

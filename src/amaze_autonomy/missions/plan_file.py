@@ -164,7 +164,7 @@ def parse_plan(text: str, name: str) -> Route:
     points = _points(file, items)
     if not points:
         file.refuse(mission.line, "items", "has no waypoints", "must have at least one item of command 16")
-    return Route(name, tuple(points), _NAMES, home, tuple(_fence(file, plan)))
+    return Route(name, tuple(points), _NAMES, home, tuple(_fence(file, plan)), mission.line)
 
 
 def _home(file: _File, mission: Object) -> Home:

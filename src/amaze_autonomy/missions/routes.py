@@ -78,6 +78,7 @@ class Route:
         names: of its columns.
         home: that it was planned from, where it says one.
         fence: its areas.
+        home_line: where it says its home.
     """
 
     file: str
@@ -85,6 +86,7 @@ class Route:
     names: Names = _NAMES
     home: Optional[Home] = None
     fence: Tuple[Area, ...] = ()
+    home_line: int = 0
 
 
 def is_global(lines: Sequence[Line]) -> bool:

@@ -48,7 +48,8 @@ _PLANNER_ROWS: Tuple[Row, ...] = (
 
 
 _FILE = Text(
-    'a file inside the folder of the configuration, e.g. "trajectories/square.csv"', r"[^\\\x00-\x1f]+\.(csv|plan)"
+    'a .csv or .plan file inside the folder of the configuration, e.g. "trajectories/square.csv"',
+    r"[^\\\x00-\x1f]+\.(csv|plan)",
 )
 
 _LIMITS = Group(

@@ -172,7 +172,7 @@ _TRANSFER_ROWS: Tuple[Row, ...] = (
     ("limit_ns", Number(above=0.0, maximum=86400.0), "time in which everything must be here", "an hour of cameras over Gigabit takes 15 minutes"),
 )
 # fmt: on
-_NAME = Text("the name of a platform", COMPONENT_NAME)
+_NAME = Text("the name of a platform")  # a bad one is refused where the platform is
 _TOPIC = Text('the name of a topic, e.g. "/lrf/range"; "~" stands for the autonomy node', TOPIC_NAME)
 _PATTERN = Pattern("a regular expression of topic names")
 _GROUP = Group(
@@ -207,7 +207,7 @@ _GROUP = Group(
 _PLATFORM = Group(
     "a companion computer",
     (
-        Key("groups", ListOf(Text("the name of a group", COMPONENT_NAME), "groups", 1, unique=True), "what it records"),
+        Key("groups", ListOf(Text("the name of a group"), "groups", 1, unique=True), "what it records"),
         Key(
             "transfer",
             group_of(Transfer, "a transfer", _TRANSFER_ROWS),

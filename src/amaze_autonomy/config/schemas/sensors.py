@@ -32,7 +32,7 @@ COMPONENT_NAME = r"[a-z][a-z0-9_]{0,63}"
 _SEGMENTS = "[A-Za-z0-9_]*(/[A-Za-z0-9_]+)*"  # ROS asks for a letter at the very beginning alone, e.g. /camera/0
 TOPIC_NAME = f"([A-Za-z]|[~/][A-Za-z0-9_]){_SEGMENTS}"
 SEVERITY = Choice(tuple(severity.value for severity in Severity))
-NAME = Text("the name of a component of sensors.yaml", COMPONENT_NAME)
+NAME = Text("the name of a component of sensors.yaml")  # a bad one is refused where the component is
 TOPIC = Text('the name of a topic, e.g. "/lrf/range"', TOPIC_NAME)
 
 _SMALL = Number(above=0.0, below=1.0)
