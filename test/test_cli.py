@@ -107,9 +107,13 @@ def test_a_mistake_is_one_line_and_status_1(capsys, folder):
 def test_a_rate_of_what_is_no_message_is_a_mistake_too(capsys, folder):
     (folder / "autopilot.yaml").write_text("rates_hz: {WINDY: 2.0}\n")
     assert main(["check-config", str(folder)]) == 1
-    assert capsys.readouterr().err.startswith("autopilot.yaml: rates_hz.WINDY: is no message; must be one of https:")
+    mistake = "rates_hz.WINDY: is no message; must be one of https:"
+    assert capsys.readouterr().err.startswith(f"{folder}/autopilot.yaml:1: {mistake}")
     (folder / "autopilot.yaml").write_text("rates_hz: {WIND: 2.0}\n")
     assert main(["check-config", str(folder)]) == 0
+    capsys.readouterr()
+    assert main(["check-config", str(folder), "--set", "autopilot.rates_hz.WINDY=2"]) == 1
+    assert capsys.readouterr().err.startswith(f"override autopilot.rates_hz.WINDY=2: {mistake}")
 
 
 def test_a_key_file_that_a_node_could_not_use_is_a_warning(capsys, folder, tmp_path):

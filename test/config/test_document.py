@@ -64,6 +64,21 @@ def test_broken_yaml_is_named_with_its_line(mistake):
     assert message.endswith("); must be one YAML document")
 
 
+@pytest.mark.parametrize(
+    "text, line",
+    [
+        ("require_go: true\nflight {}\nchecks: {}\n", 2),
+        ("require_go: true\n\nflight {}\n\n\n", 3),
+        ("require_go: true\nflight: {max_height_m: 3.0}\n'checks'\n\nbattery: {}\n", 3),
+        ("require_go: true\nflight: 'up\nchecks: {}\nbattery: {}\n", 2),
+        ('require_go: true\nflight: "a \\q\nchecks: {}\n', 2),
+        ("require_go: 'a\nflight: \"a \\q\nchecks: b' c\n", 3),
+    ],
+)
+def test_a_colon_or_a_quote_that_was_forgotten_is_named_with_its_own_line(mistake, text, line):
+    assert mistake("autonomy.yaml", text).startswith(f"autonomy.yaml:{line}: is not YAML (")
+
+
 def test_a_tab_is_named(mistake):
     message = mistake("autonomy.yaml", "flight:\n\tmax_height_m: 3.0\n")
     assert message.startswith("autonomy.yaml:2: is not YAML (")

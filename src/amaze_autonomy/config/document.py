@@ -97,7 +97,7 @@ def parse(text: str, source: str, *, lines: bool = True) -> Entry:
     try:
         return _Builder(text, source, lines=lines).document()
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
+        mark = (_begins_at(error) and error.context_mark) or error.problem_mark or error.context_mark
         place = Place(source, mark.line + 1 if mark is not None and lines else 0)
         tab = "\t" in "".join(text.split("\n")[mark.line : mark.line + 1]) if mark is not None else False
         right = _PLAIN + (", indented with spaces: there is a tab" if tab else "")
@@ -112,6 +112,11 @@ def parse(text: str, source: str, *, lines: bool = True) -> Entry:
 
 
 _PLAIN = "must be one YAML document"
+
+
+def _begins_at(error: yaml.MarkedYAMLError) -> bool:
+    """Return whether the mistake is where something begins, and shows further below: a missing colon or quote."""
+    return error.context == "while scanning a simple key" or error.problem == "found unexpected end of stream"
 
 
 class _Builder:

@@ -77,7 +77,8 @@ def asked_rates_hz(settings: AutopilotSettings) -> Dict[str, float]:
             message_id(name)
         except KeyError:
             right = "must be one of https://mavlink.io/en/messages/ardupilotmega.html"
-            raise ConfigError(Place("autopilot.yaml"), f"rates_hz.{name}", "is no message", right) from None
+            place = settings.rates_places.get(name, Place("autopilot.yaml"))
+            raise ConfigError(place, f"rates_hz.{name}", "is no message", right) from None
     without = () if settings.land_switch.channel else ("RC_CHANNELS",)
     ours = {name: rate_hz for name, (rate_hz, _) in ASKED_FOR.items() if name not in without}
     return {name: rate_hz for name, rate_hz in {**ours, **settings.rates_hz}.items() if rate_hz}

@@ -7,8 +7,9 @@ from typing import Any, Mapping, NamedTuple, Tuple
 
 from amaze_autonomy.monitoring.land_switch import LandSwitchSpec
 
+from ..errors import Place
 from ..kinds import Choice, Flag, Number, Places, Text, Url, Whole, parse_endpoint
-from ..schema import Group, Key, Named, Row, bind, group_of, make, refuse_at
+from ..schema import Group, Key, Named, Row, bind, group_of, make, place_of, refuse_at
 
 _S = 1_000_000_000
 
@@ -142,6 +143,7 @@ class AutopilotSettings:
         parameters: of a PX4, by name, and their values; with those for set-points where they are used.
         ardupilot_parameters: of an ArduPilot.
         offboard_parameters: that matter besides when a mission is flown by set-points.
+        rates_places: where each of `rates_hz` stands; which messages there are is known further on.
     """
 
     backend: str = "mavlink"
@@ -158,6 +160,7 @@ class AutopilotSettings:
     parameters: Mapping[str, float] = field(default_factory=dict)
     ardupilot_parameters: Mapping[str, float] = field(default_factory=dict)
     offboard_parameters: Mapping[str, float] = field(default_factory=dict)
+    rates_places: Mapping[str, Place] = field(default_factory=dict, compare=False, repr=False)
 
     def with_offboard(self) -> AutopilotSettings:
         """Return the settings for missions that are flown by set-points."""
@@ -410,4 +413,5 @@ def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings
         parameters=dict(values["parameters"]),
         ardupilot_parameters=dict(values["ardupilot_parameters"]),
         offboard_parameters=dict(values["offboard_parameters"]),
+        rates_places={name: place_of(("rates_hz", name), places) for name in values["rates_hz"]},
     )
