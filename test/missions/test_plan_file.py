@@ -135,6 +135,13 @@ def test_a_plan_in_which_no_fence_was_drawn_has_none_of_whatever_version(fence):
     assert read({key: value for key, value in GOOD.items() if key != "geoFence"}).fence == ()
 
 
+@pytest.mark.parametrize("rally", [None, {}, {"points": [], "version": 2}, {"version": 1, "points": None}])
+def test_a_plan_without_rally_points_is_flown(rally):
+    assert len(read({**GOOD, "rallyPoints": rally}).points) == 4
+    assert len(read({key: value for key, value in GOOD.items() if key != "rallyPoints"}).points) == 4
+
+
+RALLY = "must have none: nobody flies to them, so remove them in QGroundControl and save the plan again"
 EARLY = "item 4: lands before the end; must be the last item"
 COMMANDS = "must be one of 22 (takeoff), 16 (waypoint), 19 (loiter for a time), 21 (land)"
 
@@ -182,6 +189,9 @@ COMMANDS = "must be one of 22 (takeoff), 16 (waypoint), 19 (loiter for a time), 
         (lambda d: d.update(geoFence=False), f"geoFence: is False; {FENCE}"),
         (lambda d: d.update(geoFence={"polygon": SQUARE["polygon"], "version": 1}), f"geoFence: has polygon; {FENCE}"),
         (lambda d: d["geoFence"].update(Polygons=[SQUARE]), f"geoFence: has Polygons; {FENCE}"),
+        (lambda d: d["rallyPoints"].update(points=[[47.1, 14.0, 50.0]]), f"rallyPoints: has points; {RALLY}"),
+        (lambda d: d.update(rallyPoints=[[47.1, 14.0, 50.0]]), f"rallyPoints: is [[47.1, 14.0, 50.0]]; {RALLY}"),
+        (lambda d: d.update(rallyPoints={"Points": [[47.1, 14.0, 50.0]]}), f"rallyPoints: has Points; {RALLY}"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_named(change, message):

@@ -161,6 +161,7 @@ def parse_plan(text: str, name: str) -> Route:
         _item(file, number, each, mission)
         for number, each in enumerate(file.part(mission, "items", list, "a list of items"), start=1)
     ]
+    _refuse_rally_points(file, plan)
     points = _points(file, items)
     if not points:
         file.refuse(mission.line, "items", "has no waypoints", "must have at least one item of command 16")
@@ -172,6 +173,19 @@ def _home(file: _File, mission: Object) -> Home:
     if len(values) < 2:  # noqa: PLR2004
         file.refuse(mission.line, "plannedHomePosition", "is too short", "must be latitude, longitude, altitude")
     return Home(*file.place(mission, "plannedHomePosition", values[0], values[1]))
+
+
+def _refuse_rally_points(file: _File, plan: Object) -> None:
+    """Refuse places to flee to: a landing is where the vehicle is, and what was drawn would not be flown."""
+    rally = plan.get("rallyPoints")
+    right = "must have none: nobody flies to them, so remove them in QGroundControl and save the plan again"
+    if not rally:
+        return
+    if not isinstance(rally, Object):
+        file.refuse(plan.line, "rallyPoints", f"is {str(rally)[:40]}", right)
+    for key, value in rally.items():
+        if value and key != "version":
+            file.refuse(rally.line, "rallyPoints", f"has {key[:40]}", right)
 
 
 def _item(file: _File, number: int, item: Any, mission: Object) -> _Item:
