@@ -254,12 +254,18 @@ def _check_config(options: argparse.Namespace) -> int:
 
 def _warnings(configuration: Any) -> List[str]:
     """Return what files may say and do not mean together, and topics that nobody would miss."""
-    from .config.consistency import contradictions, unnamed_topics, unrecorded_topics  # noqa: PLC0415
+    from .config.consistency import (  # noqa: PLC0415
+        contradictions,
+        taken_in_place,
+        unnamed_topics,
+        unrecorded_topics,
+    )
 
     effective = configuration.effective
     return [
         *_unusable_keys(configuration.autopilot),
         *contradictions(effective),
+        *taken_in_place(configuration.recording),
         *unrecorded_topics(effective["sensors"], effective["recording"]),
         *unnamed_topics(effective, _named(configuration)),
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.config import load_configuration
-from amaze_autonomy.config.consistency import contradictions, unnamed_topics, unrecorded_topics
+from amaze_autonomy.config.consistency import contradictions, taken_in_place, unnamed_topics, unrecorded_topics
 from amaze_autonomy.monitoring.specs import RestartPolicy
 from amaze_autonomy.paths import config_folder
 
@@ -269,6 +269,42 @@ def test_recordings_are_in_a_whole_path_or_in_the_home(small, small_file, folder
 )
 def test_a_recording_that_cannot_be_is_refused(mistake, small_file, old, new, message):
     assert mistake("recording.yaml", small_file("recording.yaml").replace(old, new)) == f"recording.yaml:{message}"
+
+
+TWO = """\
+folder: ~/recordings
+collector: main
+platforms:
+  main: {groups: [all]}
+  second: {groups: [more]TRANSFER}
+groups:
+  all: {topics: [/camera/image]}
+  more: {topics: [/px4/imu]}
+"""
+IN_PLACE = (
+    "platforms.second of recording.yaml does not say how main gets its recordings (transfer.by), which are used in "
+    "place then: is its folder on a disk of main? If so, write `transfer: {by: here}`, else rsync or shared"
+)
+
+
+@pytest.mark.parametrize(
+    "transfer, overrides, expected",
+    [
+        ("", (), [IN_PLACE]),
+        (", transfer: {host: second}", (), [IN_PLACE]),
+        (", transfer: {by: here}", (), []),
+        (", transfer: {by: rsync, host: second}", (), []),
+        (", transfer: {by: shared}", (), []),
+        ("", ("recording.platforms.second.transfer.by=here",), []),
+    ],
+)
+def test_a_platform_whose_recordings_are_used_in_place_says_so_itself(small, transfer, overrides, expected):
+    (small / "recording.yaml").write_text(TWO.replace("TRANSFER", transfer))
+    assert taken_in_place(load_configuration(small, overrides).recording) == expected
+
+
+def test_the_collector_gets_its_own_recordings_from_nobody(small):
+    assert taken_in_place(load_configuration(small).recording) == []
 
 
 def watched(folder, recording, sensors=""):

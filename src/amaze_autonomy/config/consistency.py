@@ -12,6 +12,7 @@ from ..missions import Controller, FlightModel, Frame, climb_s
 from ..monitoring.restart import why_kept
 from .kinds import Address, Places
 from .schema import refuse_at
+from .schemas.recording import Recording
 
 _ANSWER_S = 1.0  # beyond the planner's own limit
 
@@ -232,6 +233,20 @@ def unrecorded_topics(sensors: Mapping[str, Any], recording: Mapping[str, Any]) 
         f"topics of a group{otherwise}"
         for topic, whose, otherwise in _watched(sensors)
         if not any(_records(group, topic) for group in groups)
+    ]
+
+
+def taken_in_place(recording: Recording) -> List[str]:
+    """Return a line for each platform of which nothing is said how the collector gets what it has recorded.
+
+    It is no mistake: two recorders may write on one computer. On two, the flight is over when it shows.
+    """
+    return [
+        f"platforms.{each.name} of recording.yaml does not say how {recording.collector} gets its recordings "
+        f"(transfer.by), which are used in place then: is its folder on a disk of {recording.collector}? If so, write "
+        "`transfer: {by: here}`, else rsync or shared"
+        for each in recording.platforms
+        if each.name != recording.collector and not each.has_transfer
     ]
 
 

@@ -228,6 +228,7 @@ def recording_of(recording: _Values, places: Places) -> Recording:
                 name,
                 tuple(values["groups"]),
                 make(Transfer, values["transfer"], ("platforms", name, "transfer"), places),
+                has_transfer=("platforms", name, "transfer", "by") in places,
             )
             for name, values in recording["platforms"].items()
         ),

@@ -89,11 +89,13 @@ class Platform:
         name: as in RecordingStatus, e.g. "main".
         groups: names of the groups that it records, one bag each.
         transfer: how the collector gets its recordings.
+        has_transfer: the file says which way it is.
     """
 
     name: str
     groups: Tuple[str, ...]
     transfer: Transfer = field(default_factory=Transfer)
+    has_transfer: bool = field(default=True, compare=False)
 
 
 @dataclass(frozen=True)
