@@ -6,9 +6,12 @@ import pytest
 
 pytest.importorskip("rospy")
 
+import rospy
+
 from amaze_autonomy.engine.events import Outcome
 from amaze_autonomy.interface import SERVICES
-from amaze_autonomy.nodes.simulation.recorded_peers_node import ANSWERS, Reception, receptions, unconnected
+from amaze_autonomy.nodes.simulation.recorded_peers_node import ANSWERS, Reception, listeners, receptions, unconnected
+from amaze_autonomy.ros.errors import StartError
 from amaze_autonomy.ros.interface import SERVICE_CLASSES
 
 STATS = [
@@ -20,6 +23,19 @@ STATS = [
     ],
     [],
 ]
+
+
+@pytest.mark.parametrize("given, names", [("/a,b", ("/a", "b")), (" /a , ", ("/a",)), (7, ("7",))])
+def test_the_listeners_are_names_with_commas_between(monkeypatch, given, names):
+    monkeypatch.setattr(rospy, "get_param", lambda name, default: {"~listeners": given}.get(name, default))
+    assert listeners() == names
+
+
+@pytest.mark.parametrize("given", [{}, {"~listeners": ""}, {"~listeners": " , "}])
+def test_listeners_that_nobody_named_are_asked_for_in_one_line(monkeypatch, given):
+    monkeypatch.setattr(rospy, "get_param", given.get)
+    with pytest.raises(StartError, match=r"^~listeners names no node that must be connected before it begins, "):
+        listeners()
 
 
 def test_messages_are_told_by_topic_over_all_its_connections():

@@ -289,6 +289,24 @@ def test_a_whole_path_is_a_folder_of_a_launch(name, given):
     assert substitution.resolve_args(check, {"arg": {name: given}}) == "True"
 
 
+@pytest.mark.parametrize("words", [("platform:=1",), ("platform:=true",), ("platform:=main", "transfer:=1")])
+@pytest.mark.parametrize("processes", ["separate", "forked"])
+@pytest.mark.parametrize("simulation", ["true", "false"])
+def test_a_name_that_is_a_number_to_roslaunch_is_a_name(words, processes, simulation):
+    loaded = loaded_launch(f"processes:={processes}", f"simulation:={simulation}", "second_platform:=2", *words)
+    [told] = [node.args for node in loaded.nodes if " --folder " in node.args and "data_recorder_2" not in node.name]
+    assert f" --transfer '{1 if len(words) > 1 else 'shared' if simulation == 'true' else ''}'" in told
+
+
+@pytest.mark.parametrize("name, check", [("cns_peers", "_checked_cns"), ("cns_served", "_checked_served")])
+def test_a_number_is_none_of_the_nodes(name, check):
+    substitution = pytest.importorskip("roslaunch.substitution_args", reason="needs ROS")
+    checked = ET.parse(ROOT / "launch" / "autonomy.launch").getroot().findall("arg")
+    values = {each.get("name"): each.get("value") for each in checked}
+    with pytest.raises(KeyError, match=f"{name}:=1 has what is none of {values['_five']}"):
+        substitution.resolve_args(values[check], {"arg": {name: "1", "_five": values["_five"]}})
+
+
 def test_the_folder_of_a_recorder_that_is_started_alone_is_no_number_and_no_part_of_a_path():
     substitution = pytest.importorskip("roslaunch.substitution_args", reason="needs ROS")
     checked = ET.parse(ROOT / "launch" / "recorder.launch").getroot().findall("arg")

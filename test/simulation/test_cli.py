@@ -1,6 +1,7 @@
 """`amaze-autonomy simulate` as its user sees it."""
 
 import json
+import shutil
 
 import pytest
 
@@ -66,6 +67,15 @@ def test_the_exit_status_says_how_it_ended(capsys, arguments, status, last):
 def test_a_mistake_is_one_line_and_an_exit_status(capsys, arguments, words):
     status, out, err = simulated(capsys, *arguments)
     assert (status, out, err) == (USAGE, "", words)
+
+
+def test_where_there_are_no_scenarios_it_is_said_where_that_is(capsys, tmp_path):
+    shutil.copytree(paths.config_folder() / "mavros", tmp_path / "mine")
+    status, _, err = simulated(capsys, "--config", str(tmp_path / "mine"), "--faults", "lrf")
+    assert (status, err) == (
+        USAGE,
+        f"simulate: there is no scenario 'lrf': {tmp_path}/mine/faults has none at all; name a file\n",
+    )
 
 
 def test_a_mistake_in_a_scenario_is_told_with_its_line(capsys, tmp_path):

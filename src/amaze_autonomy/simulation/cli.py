@@ -106,10 +106,12 @@ def scenario_file(folder: Path, name: str) -> Path:
     if Path(name).exists() or "/" in name or name.endswith(".yaml"):
         return expanded(name)
     shipped = {file.stem: file for file in sorted((folder / "faults").glob("*.yaml"))}
+    if not shipped:
+        raise ValueError(f"there is no scenario {name!r}: {folder / 'faults'} has none at all; name a file")
     if name not in shipped:
         close = difflib.get_close_matches(name, list(shipped), n=1)
         meant = f"; did you mean {close[0]}?" if close else ""
-        there = ", ".join(shipped) or "none"
+        there = ", ".join(shipped)
         raise ValueError(f"there is no scenario {name!r} (a component's name alone is none); there is {there}{meant}")
     return shipped[name]
 

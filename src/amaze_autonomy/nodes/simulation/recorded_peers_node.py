@@ -62,7 +62,7 @@ class RecordedPeers:
 
     def __init__(self) -> None:
         self._player = rospy.resolve_name(rospy.get_param("~player", "player"))
-        self._listeners = tuple(rospy.resolve_name(name) for name in rospy.get_param("~listeners").split(","))
+        self._listeners = tuple(rospy.resolve_name(name) for name in listeners())
         with Recording(Path(given("bag"))) as recording:
             self._span_ns = int(recording.start_ns or 0), int(recording.end_ns or 0)
         self._session = ""
@@ -188,6 +188,20 @@ class RecordedPeers:
 
     def _now_ns(self) -> int:
         return int(rospy.rostime.get_rostime().to_nsec())
+
+
+def listeners() -> Tuple[str, ...]:
+    """Return the names of the nodes that must be connected before it begins.
+
+    Raises:
+        StartError: ~listeners names none.
+    """
+    given_names = str(rospy.get_param("~listeners", None) or "").split(",")
+    names = tuple(name.strip() for name in given_names if name.strip())
+    if not names:
+        right = "_listeners:=autonomy,watchdog; play_recording.launch starts it with its own"
+        raise StartError(f"~listeners names no node that must be connected before it begins, e.g. {right}")
+    return names
 
 
 def main() -> int:
