@@ -23,6 +23,7 @@ from amaze_autonomy.engine.events import MissionPhase
 
 OVER = (MissionPhase.LANDED, MissionPhase.FAILED)
 LOSS, JITTER_MS, LONGEST_MS = 0.05, 50, 60_000
+LONGEST_CUT_NS = 4 * S
 
 
 class Row:
@@ -48,16 +49,26 @@ class Row:
             return ()
         return () if self.random.random() < LOSS else (self.random.randrange(1, JITTER_MS) * MS,)
 
+    def load(self, session: str) -> str:
+        """Load it, again for as long as a cut lasts; return why it was not; empty: it was."""
+        end_ns = self.flying.t_ns + LONGEST_CUT_NS
+        while True:
+            loading = self.flying.load("line", session=session)
+            if loading.accepted or self.flying.t_ns > end_ns:
+                return "" if loading.accepted else loading.reason
+            self.flying.run(S)
+
     def fly(self, number: int) -> str:
         """Fly one mission; return what was wrong."""
         flying, session = self.flying, f"s{number}"
         start_ns = flying.t_ns + self.random.randrange(20_000) * MS
-        self.cut_ns = (start_ns, start_ns + self.random.randrange(500, 4000) * MS)
+        self.cut_ns = (start_ns, start_ns + self.random.randrange(500 * MS, LONGEST_CUT_NS))
         for _ in range(3):
             armings = self.armings
-            loading = flying.load("line", session=session)
-            if not loading.accepted:
-                return f"not loaded: {loading.reason}"
+            flying.run(4 * S)  # what was commanded for the one before takes no effect any more
+            refused = self.load(session)
+            if refused:
+                return f"not loaded: {refused}"
             while flying.command(MissionAction.TAKEOFF, session):  # the vehicle may be silent just now
                 flying.run(200 * MS)
             flying.until(lambda: flying.phase in OVER, LONGEST_MS * MS, must=False)
