@@ -28,8 +28,7 @@ from amaze_autonomy.console.wire import collecting_of, missions_of, notes_of, sn
 from amaze_autonomy.engine.events import SAFE
 from amaze_autonomy.msg import AutonomyState, OperatorMessages, RecordingStatus
 from amaze_autonomy.ros.errors import CallError, CallTimeoutError, NodeError, StartError
-from amaze_autonomy.ros.master_uri import check_master_uri
-from amaze_autonomy.ros.rospy_flaws import mend_rospy
+from amaze_autonomy.ros.rospy_flaws import check_master_uri, mend_rospy
 from amaze_autonomy.ros.service_client import ServiceClient
 from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
 

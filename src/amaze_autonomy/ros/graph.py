@@ -27,8 +27,7 @@ from ..bags.errors import UndecodableError
 from ..doctor import Graph, SeenService, SeenTopic, absolute_name
 from .errors import CallError, StartError
 from .liveness import call
-from .master_uri import check_master_uri
-from .rospy_flaws import mend_rospy
+from .rospy_flaws import check_master_uri, mend_rospy
 
 _S = 1_000_000_000
 _KEPT_BYTES, _KEPT = 4096, 2000  # of a topic: its small messages; of a larger one the first alone

@@ -33,9 +33,8 @@ from ..engine.events import Check, Verdict
 from .arguments import NODES, answer_words, configuration_folder, given, overrides, parameter_words
 from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
-from .master_uri import check_master_uri
 from .reconnector import Reconnector
-from .rospy_flaws import ask_master, mend_rospy
+from .rospy_flaws import ask_master, check_master_uri, mend_rospy
 
 _START_ERROR = 2
 _UMASK = 0o027  # recordings, journals and sessions are for their user and group: 0750 and 0640

@@ -16,6 +16,8 @@ every node ended with a traceback and the status 1, whatever its own was.
 A node that is told to end while it starts may run on for ever: rospy forgets a hook that is added while it calls the
 others. The node has left the master then, so that nobody can reach it, and roslaunch starts no other one.
 
+An address of the master that none can have is answered with "it may not be running yet", for ever: it is looked at.
+
 Whoever logs may wait for ever: with each message rospy asks the master whether to add the names of the node's topics,
 forgets the answer where nobody has set that parameter, and has no limit. A master that hangs stopped every thread of
 every node that said a word: the journal, a planner in the middle of a flight. It is asked once, at the start.
@@ -33,12 +35,15 @@ import time
 import xmlrpc.client
 from contextlib import suppress
 from typing import Any, Callable, Dict, List
+from urllib.parse import urlsplit
 
+import rosgraph
 import rospy
 import rospy.core
 from rospy.impl.tcpros_base import TCPROSServer, TCPServer
 
 from .asker import note_accepted
+from .errors import StartError
 
 
 def mend_rospy() -> None:
@@ -153,3 +158,26 @@ def _add_hook(hook: Callable[..., None], hooks: List[Any], pass_reason_argument:
             hooks.remove(hook)
     if late:
         hook(*["already shut down"][: int(pass_reason_argument)])
+
+
+def check_master_uri() -> None:
+    """Look at ROS_MASTER_URI.
+
+    Raises:
+        StartError: No master can be reached under it.
+    """
+    try:
+        uri = str(rosgraph.get_master_uri())  # a word __master:=URI is before the environment
+    except ValueError as error:
+        raise StartError(str(error)) from error
+    if not _usable(uri):
+        raise StartError(f"ROS_MASTER_URI is {uri!r}; must be http://HOST:PORT")
+
+
+def _usable(uri: str) -> bool:
+    """Return whether an address is one of a host; without a port it is the one of HTTP."""
+    try:
+        parts = urlsplit(uri)
+        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # the port is no number
+        return False
