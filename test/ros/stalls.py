@@ -90,7 +90,7 @@ def takeoff_that_nobody_waits_for_any_more_is_not_carried_out_when_the_engine_go
     stack.wait_state("READY")
     service = f"/{stack.name}/autonomy"
     console = ServiceClient(f"{service}/command", UserCommand, rosgraph.get_master_uri(), "/operator")
-    console.keep(5.0)
+    stack.wait(lambda: console.keep(5.0) or console._idle, "a connection of the console")
     stack.signal_engine(signal.SIGSTOP)
     words = ["rosservice", "call", f"{service}/go"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as terminal:
