@@ -62,7 +62,7 @@ class PlannerFuzz(Fuzz):
             return mavlink.MAVLink_mission_request_message(1, 192, self.chance.choice((0, 0, 0, message.count, 65535)))
         if kind == "MISSION_ITEM_INT":
             self._items[message.seq] = message
-            return self.chance.choice((self._next, self._next, self._next, self._ack))(message)
+            return self.chance.choice((*[self._next] * 11, self._ack))(message)
         if kind == "MISSION_REQUEST_LIST":
             return mavlink.MAVLink_mission_count_message(
                 1, 192, self.chance.choice((*[len(self._items)] * 4, 0, 65535))
@@ -126,7 +126,9 @@ class PlannerFuzz(Fuzz):
             assert kind != "SET_POSITION_TARGET_LOCAL_NED"
             if kind == "COMMAND_LONG":
                 disarms = (message.command, message.param1) == (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
-                assert disarms or message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message
+                mode = (message.command, message.param2, message.param3)
+                lands = mode == (mavlink.MAV_CMD_DO_SET_MODE, 4.0, 6.0)  # as it was told to, where it is said to fly
+                assert disarms or lands or message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message
             if kind.startswith("MISSION_"):
                 self.asked = [*self.asked[-5:], message]
 
