@@ -13,8 +13,7 @@ from amaze_autonomy.missions import FlightModel, Waypoint, distance_m, leg_s
 
 from ..vehicle.modes import HOLD, LANDING_MODES, is_foreign
 from .guidance import Guidance
-from .held import HeldItem, HeldMission, HeldPlace
-from .home_height import HomeHeight
+from .held import HeldItem, HeldMission, HeldPlace, HomeHeight
 from .loading import Loading, LoadRequest, Origin
 from .mission_upload import waypoint_index
 from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, SILENT, Pose, VehicleWatch
