@@ -1372,7 +1372,7 @@ def leave(found):
     node.planner, node._exit_s, node._link = found.planner, 3.0, SimpleNamespace(ask=ask, wait_for=wait_for)
     node._clock, node._publisher = SimpleNamespace(ros_ns=lambda: 0), SimpleNamespace(publish=told.append)
     node._leave()
-    return [(each.phase, each.message) for each in told]
+    return [(MissionPhase(each.phase), each.waypoint, each.message) for each in told]
 
 
 def test_what_the_node_says_at_its_end_is_what_became_of_the_landing_that_was_given_up(capsys):
@@ -1388,6 +1388,34 @@ def test_what_the_node_says_at_its_end_is_that_it_took_an_arming_back(capsys):
     found = Recorded()
     found.take_off("line")
     found.until(lambda: "arm" in found.since(0), 20 * S)
-    assert leave(found) == [(P.TAKING_OFF.value, "the planner ends: it disarms")]
+    assert leave(found) == [(P.LANDING, 0, "the planner ends: it disarms")]
     assert capsys.readouterr().out == "mission_planner: ended on the ground: the vehicle is disarmed\n"
     assert not found.craft.armed
+
+
+@pytest.mark.parametrize("wait_ms", [1350, 1500])
+def test_what_the_node_says_when_it_lifts_off_as_it_ends_is_that_it_lands_so_that_nobody_takes_it_for_a_pilot(
+    wait_ms, capsys
+):
+    """The ground that it still hears is that of 0.2 s ago: the disarming is refused, the landing mode follows."""
+    pytest.importorskip("rospy")
+    found = Recorded()
+    found.take_off("line")
+    found.until(lambda: "arm" in found.since(0), 20 * S)
+    found.channel.fate = lambda: (200 * MS,)
+    found.until(lambda: found.craft.mode == MISSION and found.craft.armed)
+    found.run(wait_ms * MS)
+    told_ns = found.t_ns
+    said = leave(found)
+    assert found.since(told_ns)[:2] == ["disarm", LAND]
+    assert said == [(P.LANDING, 0, f"the planner ends: it {does}") for does in ("disarms", "lands")]
+    assert capsys.readouterr().out == "mission_planner: ended in flight: the vehicle lands\n"
+    assert found.craft.mode == LAND
+
+
+def test_what_the_node_says_at_its_end_is_no_waypoint_that_was_not_reached():
+    """A landing at the last waypoint is the end of the mission."""
+    pytest.importorskip("rospy")
+    found = flying("line")
+    found.until(lambda: found.status.waypoint == 3)
+    assert leave(found) == [(P.LANDING, 2, "the planner ends: it lands")]

@@ -99,6 +99,7 @@ class Sequencer:
         self._commanded_ns = -_LATE_NS  # when something else than a landing was sent last
         self._other, self._other_ns = "", -_OTHER_NS
         self._guards = False  # told to end, it stays: what was commanded may still arm the vehicle
+        self._ends_on_ground = False  # it was told to end so, whatever has become of that
         self._attention = Attention()
         self._questions = Questions(self.watch)
 
@@ -371,7 +372,7 @@ class Sequencer:
         leaves = not may_arm and (not flies or self._is_down(t_ns))
         if leaves or (self.watch.armed and self.watch.others_fly):
             return False, ()
-        self._guards = may_arm
+        self._guards = self._ends_on_ground = may_arm
         if may_arm and (self._landing or self._meant(t_ns) is _A.ABORT):
             return True, () if self._landing else self._land(t_ns, ENDS)
         self._unasked.want(t_ns, ENDS)
@@ -379,8 +380,9 @@ class Sequencer:
 
     @property
     def takes_back(self) -> bool:
-        """True once it is told to end on the ground, while an arming of ours may still take effect."""
-        return self._guards and not self._unasked.why and not self._doing(_A.LAND)
+        """True where it is told to end on the ground and takes an arming of ours back, until it turns out to fly."""
+        lands = bool(self._unasked.why) or self._doing(_A.LAND) or self._flight.airborne
+        return self._ends_on_ground and not lands
 
     @property
     def landing_shown(self) -> bool:
@@ -678,6 +680,14 @@ class Sequencer:
     def status(self, t_ns: int) -> MissionStatus:
         """Return what is to be known of it, level-based."""
         return self._progress().status(t_ns, self._loaded)
+
+    def last_status(self, t_ns: int) -> MissionStatus:
+        """Return what is told last, where it lands or disarms as it ends: a landing mode that shows now is no pilot's.
+
+        Also on the ground it is LANDING: the vehicle may have lifted off, unseen, and the landing mode follow.
+        """
+        words = f"the planner ends: it {'disarms' if self.takes_back else 'lands'}"
+        return self._progress()._replace(phase=_P.LANDING, message=words).status(t_ns, self._loaded)
 
     def level(self, t_ns: int) -> Tuple[object, ...]:
         """Return what of its status is told at once when it changes."""

@@ -18,8 +18,8 @@ from __future__ import annotations
 import math
 import time
 from contextlib import suppress
-from dataclasses import replace
-from typing import Any, Dict, Optional, Tuple
+from functools import partial
+from typing import Any, Callable, Dict, Optional, Tuple
 
 import rospy
 from std_msgs.msg import String
@@ -191,21 +191,35 @@ class MissionPlannerNode:
         """Land before the link is closed, where it flies and no pilot does; on the ground, take back an arming."""
         if not self._link.ask(self.planner.shutdown):
             return
-        began_s, on_ground = time.monotonic(), self.planner.takes_back
-        if self._link.wait_for(lambda: not self.planner.landing_waits, self._exit_s) and not self.planner.landing_taken:
-            last = replace(self._status(), message=f"the planner ends: it {'disarms' if on_ground else 'lands'}")
-            last = last if on_ground else replace(last, phase=MissionPhase.LANDING)
-            with suppress(rospy.ROSException):  # the master has closed the topic
-                self._publisher.publish(status_message(last, self._clock.ros_ns()))  # it is no pilot who lands
-        left_s = max(0.0, began_s + self._exit_s - time.monotonic())
-        shown = self._link.wait_for(lambda: self.planner.landing_shown, left_s)
+        until_s = time.monotonic() + self._exit_s
+        self._wait(lambda: not self.planner.landing_waits, until_s)
+        shown = self._show_landing(until_s)
         taken: str = self._link.ask(lambda _: (self.planner.landing_taken, ()))
         where, does, command = "in flight", "lands", "landing"
-        if on_ground:
+        if self.planner.takes_back:
             where, does, command = "on the ground", "is disarmed", "disarming"
             shown = shown and self.planner.watch.armed is False
         said = taken or (f"the vehicle {does}" if shown else f"a {command} was commanded and is not confirmed")
         print(f"mission_planner: ended {where}: {said}", flush=True)
+
+    def _show_landing(self, until_s: float) -> bool:
+        """Say what it does, and again where that changes; return whether the vehicle has shown it in time."""
+        planner = self.planner
+        told: Optional[bool] = None
+        while planner.takes_back is not told:
+            told = planner.takes_back
+            if not planner.landing_waits and not planner.landing_taken:
+                last: MissionStatus = self._link.ask(lambda t_ns: (planner.last_status(t_ns), ()))
+                with suppress(rospy.ROSException):  # the master has closed the topic
+                    self._publisher.publish(status_message(last, self._clock.ros_ns()))
+            self._wait(partial(self._is_shown, told=told), until_s)
+        return planner.landing_shown
+
+    def _is_shown(self, *, told: bool) -> bool:
+        return self.planner.landing_shown or self.planner.takes_back is not told
+
+    def _wait(self, condition: Callable[[], bool], until_s: float) -> None:
+        self._link.wait_for(condition, max(0.0, until_s - time.monotonic()))
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""
