@@ -1245,6 +1245,46 @@ def test_with_another_item_that_somebody_has_chosen_in_our_hold_nothing_is_resum
     assert found.status.waypoint == 1
 
 
+def seldom(found, gap_ns):
+    """Have MISSION_CURRENT come on a change and else so seldom, as behind mavros: with each pull of the mission."""
+    receive, last = found.planner.receive, SimpleNamespace(ns=-gap_ns, item=None)
+
+    def thinned(t_ns, message, **how):
+        if message.get_type() == "MISSION_CURRENT":
+            if t_ns - last.ns < gap_ns and message.seq == last.item:
+                return ()
+            last.ns, last.item = t_ns, message.seq
+        return receive(t_ns, message, **how)
+
+    found.planner.receive = thinned
+
+
+@EACH
+@pytest.mark.parametrize("gap_s", [2.5, 3.5, 6.0])
+def test_where_the_item_is_told_seldom_another_one_that_somebody_has_chosen_is_noticed_as_well(kind, gap_s):
+    found = flying(kind=kind)
+    seldom(found, round(gap_s * S))
+    assert found.command(A.HOLD) == ""
+    found.run(15 * S)
+    assert (found.phase, found.status.message) == (P.HOLDING, "")
+    chooses(found, item_of(found, 2))
+    found.until(lambda: found.status.message == CHOSEN, round(2 * gap_s * S))
+    assert found.command(A.RESUME) == CHOSEN
+
+
+@EACH
+def test_where_the_item_is_told_seldom_the_one_of_another_hold_says_nothing_of_this_one(kind):
+    found = flying(kind=kind)
+    seldom(found, 3500 * MS)
+    for _ in range(2):
+        assert found.command(A.HOLD) == ""
+        found.run(9 * S)
+        assert (found.phase, found.status.message, found.command(A.RESUME)) == (P.HOLDING, "", "")
+        found.run(2 * S)
+    assert says(found, lambda: found.phase is P.LANDED) == {""}
+    assert found.status.waypoint == 3
+
+
 @EACH
 def test_an_item_that_somebody_chooses_just_before_a_resume_is_not_flown_to(kind):
     found = held("line", kind)

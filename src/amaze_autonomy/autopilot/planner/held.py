@@ -162,6 +162,8 @@ class HeldPlace:
 class HeldItem:
     """At which waypoint its mission stands in a hold.
 
+    Behind mavros it is told on a change, and with each pull of the mission: more seldom than any stream comes.
+
     Args:
         watch: the vehicle.
     """
@@ -175,7 +177,7 @@ class HeldItem:
     def _forget(self) -> None:
         self.item: Optional[int] = None  # at which it stands, once messages agree
         self._waypoints: Tuple[int, ...] = ()
-        self._same, self._other = Agreement(), Agreement()
+        self._same, self._other = Agreement(gap_ns=None), Agreement(gap_ns=None)
 
     @property
     def words(self) -> str:
@@ -205,7 +207,7 @@ class HeldItem:
         waypoint = waypoint_index(watch.current, watch.dialect)
         if self.item is None:
             if self._waypoints != (waypoint,):
-                self._waypoints, self._same = (waypoint,), Agreement()
+                self._waypoints, self._same = (waypoint,), Agreement(gap_ns=None)
             self._same.add(watch.current_ns, so=True)
             self.item = watch.current if self._same.lasts(_STANDS_NS) else None
             return

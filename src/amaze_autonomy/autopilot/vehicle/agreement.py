@@ -23,9 +23,14 @@ _GAP_NS = 3 * _S  # after such a silence nobody agrees with what was said before
 
 
 class Agreement:
-    """Messages of one kind in a row that say the same."""
+    """Messages of one kind in a row that say the same.
 
-    def __init__(self) -> None:
+    Args:
+        gap_ns: after such a silence none agrees with what was said before it; None: they come seldom, each counts.
+    """
+
+    def __init__(self, gap_ns: Optional[int] = _GAP_NS) -> None:
+        self._gap_ns = gap_ns
         self.since_ns: Optional[int] = None
         self._until_ns = 0
 
@@ -33,7 +38,7 @@ class Agreement:
         """Take a message: it says so, or otherwise."""
         if not so:
             self.since_ns = None
-        elif self.since_ns is None or t_ns - self._until_ns > _GAP_NS:
+        elif self.since_ns is None or (self._gap_ns is not None and t_ns - self._until_ns > self._gap_ns):
             self.since_ns = t_ns
         self._until_ns = t_ns
 
