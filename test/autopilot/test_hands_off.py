@@ -1101,6 +1101,45 @@ def test_a_mission_whose_home_was_set_anew_in_the_air_is_given_up(kind, resumed)
     found.until_phase(P.LANDED)
 
 
+def on_the_earth(home):
+    return mavlink.MAVLink_home_position_message(home.lat, home.lon, home.alt_mm, 0.0, 0.0, 0.0, [1, 0, 0, 0], 0, 0, 0)
+
+
+def on_its_topic(_):
+    """Return home as mavros has it on its topic, of an ArduPilot, which tells no place of it in its local frame."""
+    return mavlink.MAVLink_home_position_message(0, 0, 0, 0.0, 0.0, 0.0, [1, 0, 0, 0], 0, 0, 0)
+
+
+def behind_mavros(found, *homes):
+    """Have it say no time and no height above the sea, and home by turns as each of these says it."""
+    receive, beats = found.planner.receive, []
+
+    def told(t_ns, message, **how):
+        kind, sent = message.get_type(), []
+        if kind in ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"):
+            message.time_boot_ms = 0
+        if kind == "GLOBAL_POSITION_INT":
+            message.alt = 0
+        if kind == "HEARTBEAT":
+            beats.append(t_ns)
+            sent += receive(t_ns, homes[len(beats) % len(homes)](found.craft.home), **how)
+        return [*sent, *(() if kind == "HOME_POSITION" else receive(t_ns, message, **how))]
+
+    found.planner.receive = told
+
+
+@pytest.mark.parametrize("moves", [False, True], ids=["its height", "its place as well"])
+@pytest.mark.parametrize("homes", [(on_its_topic, on_the_earth), (on_the_earth, on_its_topic)])
+def test_behind_mavros_home_that_is_told_in_two_ways_has_not_moved_from_one_to_the_other(homes, moves):
+    found = Recorded(plans=(plan("far", (FAR,), Controller.MISSION),), kind=ARDUPILOT)
+    behind_mavros(found, *homes)
+    found.take_off("far")
+    found.until(lambda: found.craft.position_m[0] > 40.0)
+    sets_home(found, -1.8, moves=moves)
+    found.run(8 * S)
+    assert (found.phase, found.status.message) == (P.FAILED if moves else P.FLYING, LOWER)
+
+
 def test_by_set_points_heights_are_local_and_home_is_nobody_s_business():
     found = flying("inside")
     sets_home(found, -5.0)

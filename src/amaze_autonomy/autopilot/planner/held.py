@@ -16,7 +16,7 @@ mission that is held does not advance by itself.
 from __future__ import annotations
 
 import math
-from typing import Callable, List, NamedTuple, Optional, Tuple
+from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.events import VehicleLanded
 
@@ -24,7 +24,7 @@ from ..link.dialect import Message
 from ..vehicle.agreement import Agreement
 from ..vehicle.modes import HOLD
 from .mission_upload import Dialect, MissionUpload, UploadPhase, waypoint_index
-from .mission_vehicle import Pose, VehicleWatch
+from .mission_vehicle import HomePlace, Pose, VehicleWatch
 
 _S = 1_000_000_000
 _PAUSE_NS = 2_000_000_000  # between two readings in a hold: others may want to read as well
@@ -280,7 +280,7 @@ class HomeHeight:
         self._height: Optional[_Height] = None
         self._new: Optional[_Height] = None  # what the last messages say
         self._same = Agreement()
-        self._place: Optional[Tuple[float, float]] = None
+        self._places: Dict[bool, HomePlace] = {}
         self._starts, self._aloft_ns, self._said_ns = self._watch.power_on.starts, 0, 0
 
     @property
@@ -296,9 +296,8 @@ class HomeHeight:
         """Return whether it has moved as no autopilot moves it by itself."""
         if self.moved_m is None:
             return False
-        place, was = self._watch.home, self._place
-        away = place is not None and was is not None and math.dist(place, was) > _PLACE_M
-        return self._sure or away
+        pairs = [(was, self._watch.homes[kind]) for kind, was in self._places.items()]
+        return self._sure or any(math.dist(was.where_m, now.where_m) > _PLACE_M for was, now in pairs)
 
     def look(self, pose: Optional[Pose]) -> None:
         """Look at what the vehicle says of its heights, with a local position that is fresh; None: there is none."""
@@ -309,8 +308,9 @@ class HomeHeight:
         if not watch.is_aloft:
             return
         self._aloft_ns = self._aloft_ns or watch.place_ns
-        if self._place is None and watch.home_ns > self._aloft_ns:
-            self._place = watch.home
+        for kind, home in watch.homes.items():
+            if home.t_ns > self._aloft_ns:
+                self._places.setdefault(kind, home)
         if watch.place_ns in (self._said_ns, self._aloft_ns) or pose is None or self.moved_m is not None:
             return
         self._said_ns = watch.place_ns

@@ -73,6 +73,18 @@ class Pose(NamedTuple):
         return math.sqrt(sum(each * each for each in self.velocity_m_s))
 
 
+class HomePlace(NamedTuple):
+    """Where home is: east and north in metres, from anywhere; its height is not kept.
+
+    Args:
+        t_ns: when it came.
+        where_m: east, north.
+    """
+
+    t_ns: int
+    where_m: Tuple[float, float]
+
+
 class VehicleWatch:
     """Takes messages, keeps the last of each kind, and what several agree on.
 
@@ -107,8 +119,7 @@ class VehicleWatch:
         self.place: Optional[Place] = None
         self.height_m = self.sea_m = 0.0  # above home; above the sea, 0: it does not say
         self.place_ns = self.place_on_ms = 0
-        self.home: Optional[Tuple[float, float]] = None  # its place, in metres from anywhere; its height is not kept
-        self.home_ns = 0
+        self.homes: Dict[bool, HomePlace] = {}  # as it was told: on the earth, or in its local frame
         self.estimator: Optional[int] = None
         self.estimator_ns = 0
         self.current: Optional[int] = None
@@ -336,13 +347,14 @@ class VehicleWatch:
         self.height_m, self.sea_m = message.relative_alt * _MM, message.alt * _MM
 
     def _home(self, t_ns: int, message: Message) -> None:
-        where = (message.y, message.x)
-        if message.latitude or message.longitude:  # made of mavros' topic it has none
+        """Take its place as it is told; behind mavros an ArduPilot's comes in both ways, and they do not compare."""
+        where, on_earth = (message.y, message.x), bool(message.latitude or message.longitude)
+        if on_earth:  # made of mavros' topic it has none
             latitude = message.latitude * _DEG7
             east = message.longitude * _DEG7 * math.cos(math.radians(latitude))
             where = (east * _DEGREE_M, latitude * _DEGREE_M)
         if all(map(math.isfinite, where)):
-            self.home, self.home_ns = where, t_ns
+            self.homes[on_earth] = HomePlace(t_ns, where)
 
     def _estimator(self, t_ns: int, message: Message) -> None:
         self.estimator, self.estimator_ns = message.flags, t_ns
