@@ -1230,6 +1230,24 @@ def test_a_few_wrong_heights_are_no_home_that_was_set_anew(kind):
     assert (len(lies), found.status.message, found.command(A.RESUME)) == (5, "", "")
 
 
+@EACH
+def test_one_message_that_says_on_ground_does_not_have_the_home_of_before_forgotten(kind):
+    """Home is set anew in the same second: it would be taken for the one that is right."""
+    found, lies = held("line", kind), []
+    found.run(2 * S)
+
+    def lying(_, message):
+        if message.get_type() == "EXTENDED_SYS_STATE" and not lies:
+            lies.append(message)
+            message.landed_state = mavlink.MAV_LANDED_STATE_ON_GROUND
+
+    changes(found, lying)
+    found.until(lambda: lies, S)
+    sets_home(found, -1.8)
+    found.run(4 * S)
+    assert (found.phase, found.status.message, found.command(A.RESUME)) == (P.HOLDING, LOWER, LOWER)
+
+
 def test_a_px4_sets_its_home_once_more_when_it_notices_that_it_has_lifted_off():
     found = Recorded()
     found.take_off("line")

@@ -18,8 +18,6 @@ from __future__ import annotations
 import math
 from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
-from amaze_autonomy.engine.events import VehicleLanded
-
 from ..link.dialect import Message
 from ..vehicle.agreement import Agreement
 from ..vehicle.modes import HOLD
@@ -302,7 +300,8 @@ class HomeHeight:
     def look(self, pose: Optional[Pose]) -> None:
         """Look at what the vehicle says of its heights, with a local position that is fresh; None: there is none."""
         watch = self._watch
-        if watch.landed is VehicleLanded.ON_GROUND or watch.power_on.starts != self._starts:
+        on_ground = watch.ground.stands(watch.landed_ns or 0, 0)  # one message that says so may be wrong
+        if on_ground or watch.power_on.starts != self._starts:
             self._begin()
             return
         if not watch.is_aloft:
