@@ -25,7 +25,7 @@ from amaze_autonomy.autopilot.vehicle.modes import Control, Heartbeat
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
-from amaze_autonomy.missions import Controller, PlannerSpec, Trajectory, Waypoint
+from amaze_autonomy.missions import Controller, FlightModel, PlannerSpec, Trajectory, Waypoint
 from amaze_autonomy.monitoring.specs import BatterySpec
 from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 from amaze_autonomy.simulation.px4 import Px4Settings
@@ -1110,17 +1110,23 @@ def on_its_topic(_):
     return mavlink.MAVLink_home_position_message(0, 0, 0, 0.0, 0.0, 0.0, [1, 0, 0, 0], 0, 0, 0)
 
 
-def behind_mavros(found, *homes):
-    """Have it say no time and no height above the sea, and home by turns as each of these says it."""
-    receive, beats = found.planner.receive, []
+def behind_mavros(found, *homes, place_s=0.0):
+    """Have it say no time and no height above the sea, and home by turns as each of these says it.
+
+    The height above home is that of the message before: mavros publishes it after the place.
+    """
+    receive, beats, last = found.planner.receive, [], SimpleNamespace(ns=0, height=0)
 
     def told(t_ns, message, **how):
         kind, sent = message.get_type(), []
         if kind in ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"):
             message.time_boot_ms = 0
         if kind == "GLOBAL_POSITION_INT":
-            message.alt = 0
-        if kind == "HEARTBEAT":
+            if t_ns - last.ns < place_s * S - 10 * MS:
+                return ()
+            message.alt, message.relative_alt, last.height = 0, last.height, message.relative_alt
+            last.ns = t_ns
+        if kind == "HEARTBEAT" and homes:
             beats.append(t_ns)
             sent += receive(t_ns, homes[len(beats) % len(homes)](found.craft.home), **how)
         return [*sent, *(() if kind == "HOME_POSITION" else receive(t_ns, message, **how))]
@@ -1138,6 +1144,35 @@ def test_behind_mavros_home_that_is_told_in_two_ways_has_not_moved_from_one_to_t
     sets_home(found, -1.8, moves=moves)
     found.run(8 * S)
     assert (found.phase, found.status.message) == (P.FAILED if moves else P.FLYING, LOWER)
+
+
+@EACH
+@pytest.mark.parametrize("climb_m_s", [0.3, 0.6, 0.95])
+@pytest.mark.parametrize("place_s", [0.2, 1.0, 2.0])
+def test_behind_mavros_a_height_that_is_of_the_place_before_is_no_home_that_was_set_anew(
+    kind, climb_m_s, place_s, monkeypatch
+):
+    model = FlightModel(cruise_speed_m_s=4.0, climb_speed_m_s=climb_m_s, landing_speed_m_s=0.5, acceleration_m_s2=4.0)
+    monkeypatch.setattr(import_module("flying"), "MODEL", model)
+    steep = tuple(Waypoint(3.0 * number, 0.0, 2.0 + 8.0 * (number % 2), 0.0, 1.0) for number in range(1, 4))
+    found = Recorded(plans=(plan("steep", (Trajectory("steep.csv", steep),), Controller.MISSION),), kind=kind)
+    behind_mavros(found, place_s=place_s)
+    found.take_off("steep")
+    assert says(found, lambda: found.phase is P.LANDED) == {""}
+    assert found.status.waypoint == 3
+
+
+@EACH
+def test_behind_mavros_home_that_is_set_anew_is_noticed_where_the_place_comes_once_a_second(kind):
+    found = Recorded(kind=kind)
+    behind_mavros(found, place_s=1.0)
+    found.take_off("line")
+    found.until(lambda: found.craft.position_m[0] > 2.0)
+    assert found.command(A.HOLD) == ""
+    found.run(6 * S)
+    sets_home(found, -1.8)
+    found.until(lambda: found.status.message.startswith("home was set anew in the air"), 4 * S)
+    assert found.command(A.RESUME) == found.status.message
 
 
 def test_by_set_points_heights_are_local_and_home_is_nobody_s_business():

@@ -230,7 +230,7 @@ class HeldItem:
 HOME_TOLERANCE_M = 1.0  # of its height: as far as an estimate of height may be off
 _HOME_AGREE_NS = _S  # so long messages must say the same height of home
 _APART_S = 0.25  # between what is said of the two heights
-_CLIMB_M_S = 1.0  # where no message says when it was so: faster than that the two are not compared
+_CLIMB_M_S, _CLIMB_M = 1.0, 0.25  # where no message says when it was so: above that the two are not compared
 _FOLLOWS = 0.05  # of the difference, with each message: a drift is no home that somebody has set
 _CORRECTS_NS = 130 * _S  # after its takeoff; of a PX4: 120 s
 _PLACE_M = 1.0
@@ -312,19 +312,23 @@ class HomeHeight:
                 self._places.setdefault(kind, home)
         if watch.place_ns in (self._said_ns, self._aloft_ns) or pose is None or self.moved_m is not None:
             return
-        self._said_ns = watch.place_ns
-        height = self._said(pose)
+        before_ns, self._said_ns = self._said_ns, watch.place_ns
+        height = self._said(pose, (self._said_ns - before_ns) / _S)
         if height is not None:
             self._take(height)
 
-    def _said(self, pose: Pose) -> Optional[_Height]:
-        """Return where home is by what was said of both heights at the same moment; None: nobody knows."""
+    def _said(self, pose: Pose, pause_s: float) -> Optional[_Height]:
+        """Return where home is by what was said of both heights at the same moment; None: nobody knows.
+
+        Behind mavros, where no message says when it was, the height above home is that of a pause ago.
+        """
         watch = self._watch
         if watch.place_on_ms and pose.on_ms:
             apart_s = (watch.place_on_ms - pose.on_ms) / 1e3
         else:
             apart_s = (watch.place_ns - pose.t_ns) / _S
-            if abs(pose.velocity_m_s[2]) > _CLIMB_M_S:
+            climb_m_s = abs(pose.velocity_m_s[2])
+            if climb_m_s > _CLIMB_M_S or climb_m_s * pause_s > _CLIMB_M:
                 return None
         if abs(apart_s) > _APART_S or not watch.has_height(pose.t_ns):
             return None
