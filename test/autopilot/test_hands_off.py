@@ -1193,6 +1193,34 @@ def test_a_px4_that_corrects_the_height_of_its_home_in_its_first_two_minutes_fli
     assert found.command(A.RESUME) == LOWER
 
 
+def refuses_modes(found):
+    """Have the vehicle refuse every change of its mode."""
+    take, refused = found.vehicle.take, mavlink.MAV_RESULT_DENIED
+
+    def refusing(t_ns, message):
+        if message.get_type() == "COMMAND_LONG" and message.command == SET_MODE:
+            return [mavlink.MAVLink_command_ack_message(SET_MODE, refused)]
+        return take(t_ns, message)
+
+    found.vehicle.take = refusing
+
+
+@EACH
+@pytest.mark.parametrize("by_us, wait_ms, words", [(True, 8000, "DENIED"), (False, 300, "the autopilot node commands")])
+def test_the_words_about_home_do_not_hide_why_it_is_landed_or_why_it_does_not_land(kind, by_us, wait_ms, words):
+    found = held("line", kind)
+    sets_home(found, -1.8)
+    found.until(lambda: found.status.message == LOWER, 3 * S)
+    refuses_modes(found)
+    if by_us:
+        assert found.command(A.LAND) == ""
+    else:
+        found.channel.ours(found.planner.other_commands(found.t_ns, LAND))
+    found.run(wait_ms * MS)
+    said = says(found, lambda end_ns=found.t_ns + S: found.t_ns >= end_ns)
+    assert [each for each in said if words not in each] == []
+
+
 def test_later_no_px4_corrects_the_height_of_its_home():
     found = Recorded(plans=(plan("far", (FAR,), Controller.MISSION),))
     found.take_off("far")

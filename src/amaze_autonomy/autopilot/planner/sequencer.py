@@ -466,8 +466,10 @@ class Sequencer:
             resume.fail(flight.not_to_go_on)
         if self._flies_ours and flight.flies_from_another_home():
             self._give_up(flight.home_height.words)
-        others_fly = lands or flight.hands_off() or flight.steered_by_others or flight.not_to_go_on
-        self._message = others_fly or (procedure.reason if procedure else "") or flight.failure or self._why_landed
+        others_fly = lands or flight.hands_off() or flight.steered_by_others
+        stays = "" if self._landing or flight.failure else flight.not_to_go_on  # then it would not go on anyway
+        reason = procedure.reason if procedure else ""
+        self._message = others_fly or stays or reason or flight.failure or self._why_landed
 
     def _doing(self, *actions: MissionAction) -> bool:
         """Return whether one of these was commanded last."""
