@@ -13,6 +13,7 @@ import pytest
 from autopilot_tools import beat
 from client_bench import ClientBench
 from flying import ARDUPILOT, ARM, LIMITS, MODEL, MS, PLANS, PX4, SET_MODE, Recorded, S, plan
+from mission_channel import good
 from px4_tools import POSCTL, RTL
 from vehicle_lies import CRITICAL, Liar
 
@@ -1514,8 +1515,8 @@ def test_told_to_end_with_a_landing_given_up_it_commands_nothing_where_a_pilot_f
     assert "POSCTL" in found.planner.landing_taken
 
 
-def leave(found):
-    """End as the node does."""
+def leave(found, exit_s=3.0):
+    """End as the node does, which stays so long for a landing."""
     module = import_module("amaze_autonomy.nodes.vehicle.mission_planner_node")
 
     def wait_for(condition, limit_s):
@@ -1529,7 +1530,7 @@ def leave(found):
 
     told = []
     node = module.MissionPlannerNode.__new__(module.MissionPlannerNode)
-    node.planner, node._exit_s, node._link = found.planner, 3.0, SimpleNamespace(ask=ask, wait_for=wait_for)
+    node.planner, node._exit_s, node._link = found.planner, exit_s, SimpleNamespace(ask=ask, wait_for=wait_for)
     node._clock, node._publisher = SimpleNamespace(ros_ns=lambda: 0), SimpleNamespace(publish=told.append)
     node._leave()
     return [(MissionPhase(each.phase), each.waypoint, each.message) for each in told]
@@ -1551,6 +1552,29 @@ def test_what_the_node_says_at_its_end_is_that_it_took_an_arming_back(capsys):
     assert leave(found) == [(P.LANDING, 0, "the planner ends: it disarms")]
     assert capsys.readouterr().out == "mission_planner: ended on the ground: the vehicle is disarmed\n"
     assert not found.craft.armed
+
+
+@pytest.mark.parametrize("late_ms, said", [(5, "the vehicle is disarmed"), (1500, "")])
+def test_the_node_stays_for_an_arming_that_may_be_late_also_where_it_stays_shorter_for_a_landing(late_ms, said, capsys):
+    pytest.importorskip("rospy")
+    found = Recorded()
+    send = found.channel.ours
+
+    def slow(messages):
+        for message in messages:
+            arms = message.get_type() == "COMMAND_LONG" and message.command == ARM and message.param1 == 1.0
+            found.channel.fate = (lambda: (late_ms * MS,)) if arms else good
+            send([message])
+            found.channel.fate = good
+
+    found.channel.ours = slow
+    found.take_off("line")
+    found.until(lambda: "arm" in found.since(0), 20 * S)
+    leave(found, exit_s=1.0)
+    assert capsys.readouterr().out.startswith(f"mission_planner: ended on the ground: {said}")
+    found.planner.receive = found.planner.wake = lambda *_, **__: []  # its process has ended
+    found.run(3 * S)
+    assert (found.craft.armed, found.craft.height_m) == (False, 0.0)
 
 
 @pytest.mark.parametrize("wait_ms", [1350, 1500])

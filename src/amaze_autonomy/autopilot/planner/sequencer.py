@@ -38,7 +38,9 @@ PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
 _S = 1_000_000_000
 _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
 _LATE_NS = 3 * _S  # within which a command of ours may still take effect, on a slow way
-_GUARD_NS = _LATE_NS - _S // 5  # so long it stays for one where it is told to end: its node leaves after 3 s
+_GUARD_NS = _LATE_NS - _S // 5  # so long it stays for one where it is told to end
+GUARD_S = _LATE_NS / _S
+"""So long its node stays at least while `guards` is true: a little longer than that takes."""
 _OTHER_NS = _S  # how long the autopilot node's word counts; it repeats it at 5 Hz
 _STATUS_NS = _S // 5  # between two statuses of this node: the last one may be so old when it stops
 _LANDINGS = (MissionAction.LAND, MissionAction.ABORT)
@@ -98,7 +100,7 @@ class Sequencer:
         self._unasked = OwnLanding(self.watch, self._spec.vehicle_age_limit_ns)
         self._commanded_ns = -_LATE_NS  # when something else than a landing was sent last
         self._other, self._other_ns = "", -_OTHER_NS
-        self._guards = False  # told to end, it stays: what was commanded may still arm the vehicle
+        self.guards = False  # told to end, it stays: what was commanded may still arm the vehicle
         self._ends_on_ground = False  # it was told to end so, whatever has become of that
         self._attention = Attention()
         self._questions = Questions(self.watch)
@@ -142,7 +144,7 @@ class Sequencer:
         self.watch.texts.wake(t_ns)
         self._follow(t_ns)
         sent += self._proceed(t_ns) + self._stream(t_ns) + self._land_unasked(t_ns)
-        self._guards = self._guards and t_ns - self._commanded_ns <= _GUARD_NS
+        self.guards = self.guards and t_ns - self._commanded_ns <= _GUARD_NS
         if not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return sent
         asked = self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)
@@ -372,7 +374,7 @@ class Sequencer:
         leaves = not may_arm and (not flies or self._is_down(t_ns))
         if leaves or (self.watch.armed and self.watch.others_fly):
             return False, ()
-        self._guards = self._ends_on_ground = may_arm
+        self.guards = self._ends_on_ground = may_arm
         if may_arm and (self._landing or self._meant(t_ns) is _A.ABORT):
             return True, () if self._landing else self._land(t_ns, ENDS)
         self._unasked.want(t_ns, ENDS)
@@ -390,7 +392,7 @@ class Sequencer:
         running, lands = self._procedure is not None and self._procedure.running, self._doing(*_LANDINGS)
         over = self._phase not in IN_FLIGHT and not self._unasked.why and not (lands and running)
         shown = over or (lands and not running)
-        return (shown and (not self._guards or bool(self.landing_taken))) or self._unasked.left
+        return (shown and (not self.guards or bool(self.landing_taken))) or self._unasked.left
 
     @property
     def landing_waits(self) -> bool:

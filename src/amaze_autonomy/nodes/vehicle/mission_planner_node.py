@@ -36,7 +36,7 @@ from ...autopilot.link.connection import link_problem
 from ...autopilot.link.state_files import keep, origin_from, origin_to, read_kept
 from ...autopilot.planner.loading import Loading, LoadRequest
 from ...autopilot.planner.mission_vehicle import streams_hz
-from ...autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
+from ...autopilot.planner.sequencer import GUARD_S, PLANNER_MESSAGES, Sequencer, SequencerSettings
 from ...engine.events import Check, Verdict
 from ...ros.interface import CheckDiagnostics, status_message
 from ...ros.node_main import run_node
@@ -191,7 +191,7 @@ class MissionPlannerNode:
         """Land before the link is closed, where it flies and no pilot does; on the ground, take back an arming."""
         if not self._link.ask(self.planner.shutdown):
             return
-        until_s = time.monotonic() + self._exit_s
+        until_s = time.monotonic() + (max(self._exit_s, GUARD_S) if self.planner.guards else self._exit_s)
         self._wait(lambda: not self.planner.landing_waits, until_s)
         shown = self._show_landing(until_s)
         taken: str = self._link.ask(lambda _: (self.planner.landing_taken, ()))
