@@ -400,6 +400,16 @@ def test_of_several_services_of_a_type_the_one_of_the_same_last_name_is_meant(sh
     assert found.line == "if remapped, tell doctor, too: mission_planner/load:=ONE_OF_THEM"
 
 
+@pytest.mark.parametrize("peer, place", [("data_recorder", "/second"), ("mission_planner", "/uav2")])
+def test_our_own_name_in_another_namespace_is_no_remap(shipped, healthy, peer, place):
+    """It is the recorder of another platform, or another vehicle's node."""
+    names = [name for name in healthy.services if name.startswith(f"{peer}/")]
+    services = {name: each for name, each in healthy.services.items() if name not in names}
+    others = tuple(SeenService(f"{place}/{name}", healthy.services[name].kind, f"{place}/{peer}") for name in names)
+    said = f"nobody offers {', '.join(f'/{name}' for name in names)}: start the {peer}"
+    assert bad(shipped, replace(healthy, services=services, others=others)) == [Finding("warning", peer, said)]
+
+
 def test_names_that_are_remapped_are_looked_at_where_they_are(shipped, healthy):
     topics = {**healthy.topics, "/my_planner/status": SeenTopic(("other/Status",), ("/my_planner",), 3)}
     topics["/lidar"] = topics.pop("/lrf/range")

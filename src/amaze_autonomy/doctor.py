@@ -528,10 +528,14 @@ def _renamed(level: str, about: str, found: Sequence[Tuple[Wanted, Tuple[SeenSer
 
 
 def _others(row: Wanted, graph: Graph) -> Tuple[SeenService, ...]:
-    """Return the services of the type of one that nobody offers, those of its last name before all others."""
+    """Return the services of the type of one that nobody offers, those of its last name before all others.
+
+    Its own name in another namespace is no remap: it is of another platform, or of another vehicle.
+    """
     if row.way is not Way.OFFERED or row.kind.split("/")[0] in _OF_EVERYBODY:
         return ()
-    those = tuple(sorted((each for each in graph.others if each.kind == row.kind), key=lambda each: each.name))
+    of_type = [each for each in graph.others if each.kind == row.kind and not each.name.endswith(f"/{row.name}")]
+    those = tuple(sorted(of_type, key=lambda each: each.name))
     last = row.name.split("/")[-1]
     return tuple(each for each in those if each.name.split("/")[-1] == last) or those
 
