@@ -18,7 +18,7 @@ from amaze_autonomy.bags.recover.recover import recover, restore
 from amaze_autonomy.recording.errors import TransferError
 from amaze_autonomy.recording.losses import losses
 from amaze_autonomy.recording.parts import check_arrived, close_parts, recover_damaged, whole_bags
-from amaze_autonomy.recording.storage import PARTS
+from amaze_autonomy.recording.storage import PARTS, remove_part
 
 
 def words(content):
@@ -172,6 +172,44 @@ def test_an_undo_file_that_is_damaged_is_no_reason_to_do_without_the_bag(tmp_pat
     assert (entry["file"], entry["messages"], entry["lost"]) == ("states-01.bag", 99, None)
     assert entry["recovered_from"] == "states-01.bag.active"
     assert "undo" not in entry
+
+
+@pytest.mark.parametrize("count", [3, 100])  # of one chunk nothing stays before the end
+def test_an_undo_file_of_a_bag_that_was_moved_away_says_nothing_of_another_one_and_is_not_removed(tmp_path, count):
+    folder = tmp_path / "s1" / "main"
+    original = digest(killed(folder, "states-01.bag.active", rows("/a", count), cut=30))
+    close_parts(folder, FACTS)
+    path, moved = folder / "states-01.bag", tmp_path / "moved.bag"
+    path.rename(moved)
+    bag(path, rows("/a", 50, first_ms=90_000))
+    content = close_parts(folder, FACTS)
+    assert content["files"] == [
+        {"file": path.name, "bytes": path.stat().st_size, "messages": 50, "sha256": digest(path), "lost": 0}
+    ]
+    assert (words(content), content["open_ends"]) == ([], {})
+    for undo in ({}, {"undo": "states-01.bag.undo"}):  # an earlier version named it
+        entry = {**content["files"][0], **undo}
+        (folder / PARTS).write_text(json.dumps({**content, "files": [entry]}))
+        kept = path.read_bytes()
+        remove_part(folder, tmp_path, {path.name: entry["sha256"]})
+        assert sorted(each.name for each in folder.iterdir()) == [PARTS, "states-01.bag.undo"]
+        path.write_bytes(kept)
+    moved.replace(path)
+    assert digest(restore(path)) == original
+
+
+@pytest.mark.parametrize("count", [3, 100])
+def test_what_a_bag_lost_that_was_changed_after_it_was_closed_in_place_stays_lost(tmp_path, count):
+    """Its undo file cannot be used any more, and is still of it."""
+    killed(tmp_path, "states-01.bag.active", rows("/a", count), cut=30)
+    (first,) = close_parts(tmp_path, FACTS)["files"]
+    path = tmp_path / "states-01.bag"
+    begin, _, end = path.read_bytes().rpartition(b"string data")
+    path.write_bytes(begin + b"int32  data" + end)
+    (tmp_path / PARTS).unlink()
+    (entry,) = close_parts(tmp_path, FACTS)["files"]
+    assert entry == {**{key: first[key] for key in first if key != "undo"}, "sha256": digest(path)}
+    assert (entry["lost"], entry["recovered_from"]) == (None, "states-01.bag.active")
 
 
 def test_a_bag_whose_index_is_damaged_is_recovered(tmp_path):

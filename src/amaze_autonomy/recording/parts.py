@@ -17,7 +17,7 @@ from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Opt
 
 from amaze_autonomy.bags.errors import BagError, RecordError
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.recover.recover import read_undo, recover, recover_in_place, undo_path
+from amaze_autonomy.bags.recover.recover import read_undo, recover, recover_in_place, undo_is_of, undo_path
 from amaze_autonomy.bags.recover.scan import Scan, scan
 from amaze_autonomy.whole_file import sha256_of, sync_folder
 
@@ -358,7 +358,8 @@ def _listed(folder: Path, path: Path) -> List[Dict[str, Any]]:
 def _closed_in_place(path: Path) -> Optional[Path]:
     """Return a bag that was closed where it lies, now or before; None where that cannot be, or has not to be."""
     if path.name.endswith(".bag"):
-        return path if undo_path(path).exists() and _is_good(path) else None
+        closed = undo_path(path).exists() and _undo_is_of(path) is not False and _is_good(path)
+        return path if closed else None
     if path.stat().st_size == 0:
         return None
     try:
@@ -367,10 +368,19 @@ def _closed_in_place(path: Path) -> Optional[Path]:
         return None  # it has to be copied, and if that cannot be either, the words are there
 
 
+def _undo_is_of(path: Path) -> Optional[bool]:
+    """Return whether an undo file is of its bag; None where nobody can tell: what it says was lost is believed."""
+    try:
+        return undo_is_of(path)
+    except BagError:
+        return None
+
+
 def _before(path: Path) -> Dict[str, Any]:
     """Return what the list says of a bag that was closed in place: its name before, what was lost, how to undo it.
 
-    Without an undo file it was closed by its recorder, which was killed before it gave it its name.
+    Without an undo file it was closed by its recorder, which was killed before it gave it its name. What one
+    that cannot be used any more says was lost is believed, and it is not named.
     """
     undo = undo_path(path)
     if not undo.exists():
@@ -380,7 +390,8 @@ def _before(path: Path) -> Dict[str, Any]:
     except BagError:
         was_active = f"{path.name}.active"
         return {"recovered_from": was_active, "lost": None, "lost_inside": None, "undo_damaged": undo.name}
-    return {"recovered_from": was.name, "lost": was.lost, **_inside(was.lost_inside), "undo": undo.name}
+    told = {"recovered_from": was.name, "lost": was.lost, **_inside(was.lost_inside)}
+    return {**told, "undo": undo.name} if _undo_is_of(path) else told
 
 
 def _entry(path: Path) -> Dict[str, Any]:

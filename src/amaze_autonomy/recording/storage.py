@@ -18,6 +18,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any, Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
 
+from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.recover.recover import undo_is_of, undo_path
 from amaze_autonomy.config.schemas.recording import Storage, TopicGroup
 from amaze_autonomy.units import GB, MB
 from amaze_autonomy.whole_file import sha256_of, write_whole
@@ -206,7 +208,8 @@ _log = logging.getLogger(__name__)
 def remove_part(folder: Path, recordings: Path, verified: Mapping[str, str]) -> None:
     """Remove what is in the verified recording: files that the list of a part names, each with its undo file.
 
-    A damaged file that one of them was recovered from stays: nothing has verified that all that it holds was found.
+    A damaged file that one of them was recovered from stays: nothing has verified that all that it holds was found. So
+    does an undo file that lies there for another bag of that name: it is the only way back to that one's original.
 
     Args:
         folder: of the part.
@@ -225,6 +228,15 @@ def remove_part(folder: Path, recordings: Path, verified: Mapping[str, str]) -> 
         if not proof or proof != entry.get("sha256") or proof != sha256_of(path):
             _log.warning("%s is not in the verified recording as it is here: it is kept", path)
             continue
-        for each in (folder / str(name) for name in (entry.get("undo"), path.name) if name):
-            if each.parent == folder and each.is_file():
-                each.unlink()
+        undo = folder / str(entry.get("undo") or path.name)
+        if undo == undo_path(path) and undo.is_file() and _is_done_with(path):
+            undo.unlink()
+        path.unlink()
+
+
+def _is_done_with(bag: Path) -> bool:
+    """Return whether nobody needs the undo file of a bag once the bag is gone: it is of that one, or of no use."""
+    try:
+        return undo_is_of(bag) is True
+    except BagError:
+        return True

@@ -22,7 +22,7 @@ from typing import Any, Callable, List, NamedTuple, Optional, Protocol, Tuple
 
 from amaze_autonomy.whole_file import sync_folder, write_whole
 
-from ..errors import BagError
+from ..errors import BagError, RecordError
 from ..format import FIRST_RECORD, MEMORY, bag_header, chunk_header, chunk_info, decompressed, record_at
 from ..index import Index, chunk_head
 from ..write import Output, index_of
@@ -373,8 +373,29 @@ def _is_of(undo: Undo, file: int) -> bool:
         return undo.place > FIRST_RECORD  # else there was nothing before that could show it
     if size > max(len(undo.end), len(undo.new)):
         return False
-    now, old, new = (int.from_bytes(each, "little") for each in (os.pread(file, size, undo.place), undo.end, undo.new))
-    return (now ^ old) & (now ^ new) == 0
+    return _is_either(os.pread(file, size, undo.place), undo.end, undo.new)
+
+
+def _is_either(now: bytes, old: bytes, new: bytes) -> bool:
+    """Return whether each bit is the old one or the new one."""
+    now_bits, old_bits, new_bits = (int.from_bytes(each, "little") for each in (now, old, new))
+    return (now_bits ^ old_bits) & (now_bits ^ new_bits) == 0
+
+
+def _may_be_of(undo: Undo, file: int) -> bool:
+    """Return whether an open file may be the one that was changed, and was changed by others since.
+
+    Who reindexes or appends leaves the data as it is: what lies before the end, or its first chunk where nothing does.
+    """
+    if undo.place > FIRST_RECORD:
+        return _before(file, undo.place) == undo.before
+    if undo.new is None:
+        return True
+    try:
+        size = min(_BEFORE, record_at(undo.new, 0, len(undo.new)).end)
+    except RecordError:
+        return True
+    return _is_either(os.pread(file, size, undo.place), undo.end[:size], undo.new[:size])
 
 
 def _difference(one: bytes, other: bytes) -> bytes:
@@ -411,6 +432,24 @@ def is_interrupted(bag: Path) -> bool:
     except (OSError, BagError):
         return True
     return bag.name.endswith(".active")
+
+
+def undo_is_of(bag: Path) -> Optional[bool]:
+    """Return whether the undo file beside a bag is of it: no of a bag of that name that was moved away.
+
+    None: it may be, and cannot be used, as of a bag that was changed since.
+
+    Raises:
+        BagError: The undo file is damaged, or one of the two cannot be read.
+    """
+    undo = read_undo(undo_path(bag))
+    try:
+        with bag.open("rb") as file:
+            if _is_of(undo, file.fileno()):
+                return True
+            return None if _may_be_of(undo, file.fileno()) else False
+    except OSError as error:
+        raise BagError(str(bag), f"cannot be read ({error.strerror})", "name a bag that you may read") from error
 
 
 def write_undo(bag: Path, undo: Undo) -> None:
