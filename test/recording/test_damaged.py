@@ -6,11 +6,12 @@ import shutil
 import pytest
 from bag_tools import MS, bag, contents, digest, every_kill, rows, unclosed
 from part_tools import FACTS, killed, part, plan, small_storage, two_platforms
-from replay_bags import START_NS
+from replay_bags import START_NS, make
+from rosbags.highlevel import AnyReader, AnyReaderError
 from test_header_numbers import inertial, numbered
 
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.bags.format import UNREADABLE
+from amaze_autonomy.bags.format import UNDECODABLE, UNREADABLE
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.recording import job, parts
 from amaze_autonomy.recording.job import Plan, Source, collect
@@ -274,24 +275,62 @@ def test_a_number_that_is_known_of_the_middle_is_the_least_and_counts():
 # --- files of which nothing can be read -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["camera-01.bag.active", "camera-01.bag"])
-def test_a_description_that_is_not_utf_8_hinders_no_merge(session, name):
-    """In a closed bag it may be a comment in Latin-1, as an old driver publishes it."""
+def numbers(topic):
+    """Return messages of a type that no other bag of the session has."""
+    return [(START_NS + each * MS, topic, make("std_msgs/msg/Int32", data=each)) for each in range(50)]
+
+
+def described(session, name, streams, old, new):
+    """Leave a bag of a camera in which bytes of the definition are others."""
     path = session / "main" / name
-    if name.endswith(".active"):
-        killed(path.parent, name, rows("/d", 50))
-    else:
-        bag(path, rows("/d", 50))
+    killed(path.parent, name, *streams) if name.endswith(".active") else bag(path, *streams)
     raw = path.read_bytes()
-    path.write_bytes(raw.replace(b"message_definition=s", b"message_definition=\xb0"))
+    path.write_bytes(raw.replace(b"message_definition=" + old, b"message_definition=" + new))
     assert path.read_bytes() != raw
     content = listed_first(path.parent)
     assert files_of(content) == [("camera-01.bag", False, 0), ("states-01.bag", False, 0)]
+
+
+NAMES = pytest.mark.parametrize("name", ["camera-01.bag.active", "camera-01.bag"])
+
+
+@NAMES
+def test_a_comment_that_is_not_utf_8_hinders_no_merge_and_is_no_loss(session, name):
+    """As an old driver publishes it, in Latin-1."""
+    described(session, name, [numbers("/d")], b"int32 data", b"int32 d#\xb0C")
     summary = collect(plan(session))
     assert (summary.lost, summary.messages) == ((), 950)
     made = manifest(session)
     assert made["verified"]["ok"] is True
     assert made["warnings"] == ([] if name.endswith(".active") else [f"/d: {UNREADABLE}"])
+
+
+@NAMES
+@pytest.mark.parametrize("tolerated", [[], ["/d"]])
+def test_a_definition_that_is_damaged_hinders_no_merge_and_is_a_loss(session, name, tolerated):
+    """Every message is there, and nobody can decode it; the rosbags library decodes no topic of such a bag at all."""
+    described(session, name, [numbers("/d")], b"i", b"\xb0")
+    words = (f"/d: {UNDECODABLE}",)
+    for _ in range(2):
+        summary = collect(plan(session, facts={"tolerated_topics": tolerated}))
+        assert (summary.lost, summary.lost_in_flight) == (words, () if tolerated else words)
+        assert summary.messages == 950
+        made = manifest(session)
+        assert (made["verified"]["ok"], made["warnings"], made["lost"]) == (True, [*words], [*words])
+    with pytest.raises(AnyReaderError), AnyReader([session / "s1_m.bag"]):
+        pass
+
+
+@NAMES
+def test_a_damaged_definition_is_taken_of_any_topic_of_its_type(session, name):
+    described(session, name, [rows("/d", 50)], b"s", b"\xb0")
+    summary = collect(plan(session))
+    assert (summary.lost, summary.messages, manifest(session)["warnings"]) == ((), 950, [])
+    with AnyReader([session / "s1_m.bag"]) as reader:
+        links = [each for each in reader.connections if each.topic == "/d"]
+        said = [reader.deserialize(raw, link.msgtype).data for link, _, raw in reader.messages(links)]
+    assert len(said) == 50
+    assert said[7].startswith("/d 7 ")
 
 
 @pytest.mark.parametrize("name", ["states-02.bag.active", "states-02.bag"])

@@ -381,6 +381,16 @@ class Connection(NamedTuple):
             return b""
 
     @property
+    def is_damaged(self) -> bool:
+        """Return whether its definition is damaged elsewhere than in a comment, so that nobody can decode a message."""
+        return self.definition.endswith(_NOTE) or _is_code_damaged(self.definition)
+
+    def defined_by(self, other: Connection) -> Connection:
+        """Return it with the definition of another one, which has the same type and md5."""
+        fields = {**fields_of(self.header, 0, len(self.header)), _DEFINITION: other.definition}
+        return self._replace(header=b"".join(pack_field(*each) for each in fields.items()))
+
+    @property
     def name(self) -> Name:
         """Return what everybody knows its messages by: topic, type, and md5."""
         return self.topic, self.kind, self.md5
@@ -421,8 +431,10 @@ def connection_of(record: Record, header: bytes) -> Connection:
     )
 
 
-UNREADABLE = "others cannot read what describes it (not UTF-8, or no definition); it is written so that they can"
+UNREADABLE = "others cannot read what describes it (not UTF-8, or no definition); it is written as text"
+UNDECODABLE = "its definition is damaged, its messages cannot be decoded"
 _DEFINITION = b"message_definition"
+_NOTE = b"# damaged: bytes in it that were no text are written as _xNN"  # as text it does not show any more
 _ODD_LATCHING = re.compile(rb"latching=[^01]")
 
 
@@ -430,16 +442,25 @@ def _readable(header: bytes) -> bytes:
     """Return what was recorded about a connection as others can read it.
 
     The rosbags library and rosbag refuse a whole bag for one byte there that is not UTF-8, be it in a comment of the
-    definition, for a definition that is missing, or for `latching` that is no number.
+    definition, for a definition that is missing, or for `latching` that is no number. Where it is in no comment the
+    library still refuses to decode any topic of the bag, as the md5 is that of another text: that is noted in it.
     """
     if header.isascii() and _DEFINITION + b"=" in header and _ODD_LATCHING.search(header) is None:
         return header
     fields = fields_of(header, 0, len(header))
     texts = {_text(name).encode(): _text(value).encode() for name, value in fields.items()}
     texts.setdefault(_DEFINITION, b"")
+    if _is_code_damaged(fields.get(_DEFINITION, b"")):
+        texts[_DEFINITION] = texts[_DEFINITION].rstrip() + b"\n" + _NOTE
     if texts.get(b"latching") and not texts[b"latching"].isdigit():
         texts[b"latching"] = b"0"
     return header if texts == fields else b"".join(pack_field(*each) for each in texts.items())
+
+
+def _is_code_damaged(definition: bytes) -> bool:
+    """Return whether bytes of a definition that are in no comment are not UTF-8."""
+    code = (line.split(b"#", 1)[0] for line in definition.splitlines())
+    return not definition.isascii() and any(_text(each).encode() != each for each in code)
 
 
 def _text(value: bytes) -> str:

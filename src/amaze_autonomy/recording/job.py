@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.format import UNDECODABLE
+from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge.manifest import (
     declared_duplicates,
     manifest_path,
@@ -237,7 +239,25 @@ def _inputs(plan: Plan) -> _Inputs:
         }
     if not found.paths:
         raise RecordingError(f"{plan.output}: there is no bag on any platform, nothing was recorded; look at the logs")
+    found.lost.extend(_undecodable(found.paths, plan.facts))
     return found
+
+
+def _undecodable(paths: Sequence[Path], facts: Mapping[str, Any]) -> List[Loss]:
+    """Return the topics whose messages are there and cannot be decoded: no bag has an undamaged definition of them."""
+    damaged: Dict[Tuple[str, str], Set[str]] = {}
+    defined: Set[Tuple[str, str]] = set()
+    for path in paths:
+        with Index(path) as index:
+            used = {number for chunk in index.chunks for number, _ in chunk.counts}
+            for number, each in index.connections.items():
+                if each.is_damaged and number in used:
+                    damaged.setdefault((each.kind, each.md5), set()).add(each.topic)
+                elif each.definition and not each.is_damaged:
+                    defined.add((each.kind, each.md5))
+    topics = {topic for what, found in damaged.items() if what not in defined for topic in found}
+    tolerated = facts.get("tolerated_topics", ())
+    return [Loss(f"{topic}: {UNDECODABLE}", topic not in tolerated) for topic in sorted(topics)]
 
 
 def _began_late(facts: Mapping[str, Any]) -> List[Loss]:

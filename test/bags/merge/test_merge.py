@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.bags.format import UNREADABLE, Connection, fields_of, pack_field
+from amaze_autonomy.bags.format import UNDECODABLE, Connection, fields_of, pack_field
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge.manifest import Tally, merge_manifest
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
@@ -220,8 +220,10 @@ def test_a_definition_that_is_not_utf_8_is_made_text_unless_an_input_has_a_reada
         inputs[each].write_bytes(raw.replace(b"message_definition=s", b"message_definition=\xb0"))
     result = merged(tmp_path, inputs)
     with Index(result.path) as index:
-        assert index.connections[0].definition == (b"_xb0" + good[1:] if len(bad) > 1 else good)
-    assert result.warnings == ((f"/a: {UNREADABLE}",) if len(bad) > 1 else ())
+        definition = index.connections[0].definition
+        assert index.connections[0].is_damaged == (len(bad) > 1)
+    assert definition.startswith(b"_xb0" + good[1:] + b"\n# damaged") if len(bad) > 1 else definition == good
+    assert result.warnings == ((f"/a: {UNDECODABLE}",) if len(bad) > 1 else ())
     assert verify(result.path, inputs, readers="read").problems == ()
 
 

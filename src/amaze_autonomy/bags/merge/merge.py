@@ -20,7 +20,7 @@ import numpy as np
 from amaze_autonomy.units import SECOND
 
 from ..errors import BagError
-from ..format import MEMORY, UNREADABLE, Connection, Identity
+from ..format import MEMORY, UNDECODABLE, UNREADABLE, Connection, Identity
 from ..index import ChunkHead, ChunkInfo, Index
 from ..read import GROUP_BYTES, Block, Loader, Pool, Table, check_times, relabel
 from ..write import Output
@@ -42,7 +42,7 @@ class Unified(NamedTuple):
         targets: for each input, an array from its numbers to ours.
         comparable: numbers that inputs of several origins have on the same topic; the same value for those whose
             messages may be the same ones.
-        warnings: topics with more than one definition, or with one that others cannot read.
+        warnings: topics with more than one definition, or with one that others cannot read, or nobody.
     """
 
     connections: Dict[int, Connection]
@@ -56,7 +56,7 @@ def unify(inputs: Sequence[Index], origins: Sequence[int], *, publishers_apart: 
 
     What is kept of them is the first description that defines the type, one that others can read before one that they
     cannot: md5s that are the same cover all of it but comments and spaces, but some writers leave the text away, and
-    without it nobody can read a message.
+    without it nobody can read a message. One that is damaged is taken of any other topic of the same type and md5.
     """
     numbers: Dict[Identity, int] = {}
     connections: Dict[int, Connection] = {}
@@ -76,11 +76,21 @@ def unify(inputs: Sequence[Index], origins: Sequence[int], *, publishers_apart: 
             target[number] = numbers[identity]
             sources.setdefault(numbers[identity], set()).add(origin)
         targets.append(target)
+    _define(connections)
     return Unified(connections, targets, _comparable(connections, sources), _warnings(connections))
 
 
 def _worth(connection: Connection) -> Tuple[bool, bool]:
-    return bool(connection.definition), connection.is_readable
+    return bool(connection.definition) and not connection.is_damaged, connection.is_readable
+
+
+def _define(connections: Dict[int, Connection]) -> None:
+    """Give connections with a damaged definition that of another one of the same type and md5."""
+    good = {(each.kind, each.md5): each for each in connections.values() if each.definition and not each.is_damaged}
+    for number, each in connections.items():
+        other = good.get((each.kind, each.md5))
+        if each.is_damaged and other is not None:
+            connections[number] = each.defined_by(other)
 
 
 def _comparable(connections: Dict[int, Connection], sources: Dict[int, Set[int]]) -> Dict[int, int]:
@@ -108,7 +118,9 @@ def _warnings(connections: Dict[int, Connection]) -> Tuple[str, ...]:
         for topic, found in sorted(definitions.items())
         if len(found) > 1
     ]
-    unreadable = {each.topic for each in connections.values() if not each.is_readable}
+    undecodable = {each.topic for each in connections.values() if each.is_damaged}
+    unreadable = {each.topic for each in connections.values() if not each.is_readable} - undecodable
+    several += [f"{topic}: {UNDECODABLE}" for topic in sorted(undecodable)]
     return (*several, *(f"{topic}: {UNREADABLE}" for topic in sorted(unreadable)))
 
 
