@@ -302,7 +302,7 @@ def test_a_comment_that_is_not_utf_8_hinders_no_merge_and_is_no_loss(session, na
     assert (summary.lost, summary.messages) == ((), 950)
     made = manifest(session)
     assert made["verified"]["ok"] is True
-    assert made["warnings"] == ([] if name.endswith(".active") else [f"/d: {UNREADABLE}"])
+    assert made["warnings"] == ([] if name.endswith(".active") else [f"/d: {UNREADABLE}; it is written as text"])
 
 
 @NAMES

@@ -431,7 +431,7 @@ def connection_of(record: Record, header: bytes) -> Connection:
     )
 
 
-UNREADABLE = "others cannot read what describes it (not UTF-8, or no definition); it is written as text"
+UNREADABLE = "others cannot read what describes it (not UTF-8, or no definition)"
 UNDECODABLE = "its definition is damaged, its messages cannot be decoded"
 _DEFINITION = b"message_definition"
 _NOTE = b"# damaged: bytes in it that were no text are written as _xNN"  # as text it does not show any more

@@ -121,7 +121,7 @@ def _warnings(connections: Dict[int, Connection]) -> Tuple[str, ...]:
     undecodable = {each.topic for each in connections.values() if each.is_damaged}
     unreadable = {each.topic for each in connections.values() if not each.is_readable} - undecodable
     several += [f"{topic}: {UNDECODABLE}" for topic in sorted(undecodable)]
-    return (*several, *(f"{topic}: {UNREADABLE}" for topic in sorted(unreadable)))
+    return (*several, *(f"{topic}: {UNREADABLE}; it is written as text" for topic in sorted(unreadable)))
 
 
 # --- one input --------------------------------------------------------------------------------------------------------

@@ -355,7 +355,8 @@ class _Scanner:
             self._ask_index()
         damages = self._balanced() if closed else self._damages
         unreadable = [each.topic for each in self._connections.values() if not each.is_readable]
-        damages += [Damage(0, self._size, f"{topic}: {UNREADABLE}", 0) for topic in unreadable]
+        to_do = "`recover` and `merge` write it as text"  # nothing is changed here
+        damages += [Damage(0, self._size, f"{topic}: {UNREADABLE}; {to_do}", 0) for topic in unreadable]
         reader = self._reader
         return Scan(
             reader.path,
