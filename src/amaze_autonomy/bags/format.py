@@ -349,6 +349,7 @@ class Connection(NamedTuple):
         caller: name of the publishing node; "" when the bag does not say.
         latching: whether late subscribers get its last message.
         header: all that was recorded about it, the definition included.
+        garbled: bytes of its topic are not UTF-8.
     """
 
     number: int
@@ -358,12 +359,13 @@ class Connection(NamedTuple):
     caller: str
     latching: bool
     header: bytes
+    garbled: bool = False
 
     @property
     def plausible(self) -> bool:
         """Return whether nothing in it looks damaged."""
         texts = (self.topic, self.kind, self.caller)
-        damaged = any(not text.isprintable() for text in texts) or ("_x" in self.topic and not self.agrees)
+        damaged = any(not text.isprintable() for text in texts) or (self.garbled and not self.agrees)
         complete = self.is_readable and "/" in self.kind
         return complete and not damaged and re.fullmatch("[0-9a-f]{32}", self.md5) is not None
 
@@ -428,6 +430,7 @@ def connection_of(record: Record, header: bytes) -> Connection:
         caller=_text(fields.get(b"callerid", b"")),
         latching=fields.get(b"latching") == b"1",
         header=header,
+        garbled=not _is_text(topic),
     )
 
 
@@ -460,7 +463,11 @@ def _readable(header: bytes) -> bytes:
 def _is_code_damaged(definition: bytes) -> bool:
     """Return whether bytes of a definition that are in no comment are not UTF-8."""
     code = (line.split(b"#", 1)[0] for line in definition.splitlines())
-    return not definition.isascii() and any(_text(each).encode() != each for each in code)
+    return not definition.isascii() and not all(map(_is_text, code))
+
+
+def _is_text(value: bytes) -> bool:
+    return _text(value).encode() == value
 
 
 def _text(value: bytes) -> str:

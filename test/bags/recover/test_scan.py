@@ -14,7 +14,7 @@ from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, ending, flipped
 
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.bags.format import UNREADABLE, record_at
+from amaze_autonomy.bags.format import UNREADABLE, connection_of, connection_record, pack_field, record_at
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge import writer
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
@@ -454,6 +454,21 @@ def test_a_description_that_is_not_utf_8_is_told_and_written_so_that_others_can_
     assert f"/a: {UNREADABLE}; `recover` and `merge` write it as text" in [each.what for each in done.scan.damages]
     assert verify(done.path, [], readers="read").problems == ()
     assert scan(done.path, check_data=check_data).damages == []
+
+
+@pytest.mark.parametrize(
+    "topic, recorded, plausible",
+    [
+        (b"/imu_xsens", b"/xsens", True),  # remapped, or relayed: the publisher knows it by another name
+        (b"/imu", b"/xsens", True),
+        (b"/im\xe9", b"/imu", False),
+    ],
+)
+def test_a_topic_is_implausible_where_it_is_no_text_and_not_by_its_name(topic, recorded, plausible):
+    fields = ((b"topic", recorded), (b"type", b"a/B"), (b"md5sum", b"0" * 32), (b"message_definition", b"int8 x"))
+    raw = connection_record(1, topic, b"".join(pack_field(*each) for each in fields))
+    record = record_at(raw, 0, len(raw))
+    assert connection_of(record, raw[record.data : record.end]).plausible == plausible
 
 
 @pytest.mark.parametrize("place", [0, 1])
