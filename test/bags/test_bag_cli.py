@@ -329,13 +329,14 @@ def test_inputs_may_be_named_in_any_order_and_may_have_been_moved(capsys, tmp_pa
 def other_inputs(tmp_path, two):
     """Name, for a verified merge of two, inputs that are not those: one, one more, and one that is another one now."""
     more = bag(tmp_path / "more.bag", rows("/c", 5))
-    yield two[:1]
-    yield [*two, more]
-    yield [two[0], two[0]]
+    other, changed = "is of other inputs", "camera.bag is not what it was when this was verified, and flight.bag is"
+    yield two[:1], other
+    yield [*two, more], other
+    yield [two[0], two[0]], other
     Path(two[1]).unlink()
     bag(Path(two[1]), rows("/b", 30))
-    yield two
-    yield []
+    yield two, changed
+    yield [], changed
 
 
 def test_a_verdict_on_other_inputs_is_shown_and_leaves_the_manifest_as_it_is(capsys, tmp_path, two):
@@ -343,10 +344,10 @@ def test_a_verdict_on_other_inputs_is_shown_and_leaves_the_manifest_as_it_is(cap
     output = tmp_path / "flight.bag"
     assert run(capsys, "merge", *two, "-o", output, "--verify")[0] == 0
     before = manifest_path(output).read_bytes()
-    for inputs in other_inputs(tmp_path, two):
+    for inputs, said in other_inputs(tmp_path, two):
         status, out, err = run(capsys, "verify", output, *inputs, "--readers", "none")
         assert (status, out.splitlines()[0][-8:]) == (3, "problems")
-        assert err == f"amaze-bag: {manifest_path(output)}: is of other inputs; the verdict was not written into it\n"
+        assert err == f"amaze-bag: {manifest_path(output)}: {said}; the verdict was not written into it\n"
         assert manifest_path(output).read_bytes() == before
 
 
@@ -390,6 +391,21 @@ def test_a_verified_bag_whose_inputs_are_gone_is_compared_with_its_manifest(caps
         output.write_bytes(content)
         status, out, _ = run(capsys, "verify", output, "--readers", "none")
         assert (status, out.splitlines()[1:]) == (3, [f"  problem: {wrong}", gone])
+    assert manifest_path(output).read_bytes() == before
+
+
+@pytest.mark.parametrize("intact", [True, False])
+def test_an_input_that_changed_is_named_and_not_the_recording(capsys, tmp_path, two, intact):
+    output = tmp_path / "flight.bag"
+    assert run(capsys, "merge", *two, "-o", output, "--verify")[0] == 0
+    before = manifest_path(output).read_bytes()
+    Path(two[0]).write_bytes(Path(two[0]).read_bytes().replace(b"/a 7 ", b"/a 8 "))
+    if not intact:
+        output.write_bytes(output.read_bytes().replace(b"/b 7 ", b"/b 8 "))
+    status, _, err = run(capsys, "verify", output, "--readers", "none")
+    said = "main.bag is not what it was when this was verified" + ", and flight.bag is" * intact
+    expected = f"amaze-bag: {manifest_path(output)}: {said}; the verdict was not written into it\n"
+    assert (status, err) == (3, expected)
     assert manifest_path(output).read_bytes() == before
 
 

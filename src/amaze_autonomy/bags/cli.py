@@ -448,10 +448,23 @@ def _verify(options: argparse.Namespace) -> bool:
     verified, new = _verified(options.bag, inputs, offsets, manifest, options)
     _show(_verify_lines(verified), new, as_json=options.json)
     if manifest and inputs and not has_same_inputs(new, manifest):
-        say_wrong("amaze-bag", f"{place}: is of other inputs; the verdict was not written into it", DONE)
+        say_wrong("amaze-bag", f"{place}: {_other_inputs(new, manifest)}; the verdict was not written into it", DONE)
     elif inputs:
         _keep_verdict(options.bag, new)
     return bool(verified.problems)
+
+
+def _other_inputs(new: Dict[str, Any], manifest: Dict[str, Any]) -> str:
+    """Return how what was verified is not of the inputs that a manifest names: of one that rotted the bag is better."""
+    from .merge.manifest import changed_inputs
+
+    changed = changed_inputs(new, manifest)
+    if not changed:
+        return "is of other inputs"
+    intact = new["output"]["sha256"] == manifest["output"].get("sha256")
+    said = "is not what it was" if len(changed) == 1 else "are not what they were"
+    bag = f", and {new['output']['file']} is" if intact else ""
+    return f"{', '.join(changed)} {said} when this was verified{bag}"
 
 
 def _verify_without(options: argparse.Namespace, manifest: Dict[str, Any], gone: Sequence[Path]) -> bool:

@@ -158,6 +158,14 @@ def has_same_inputs(manifest: Dict[str, Any], other: Dict[str, Any]) -> bool:
     )
 
 
+def changed_inputs(manifest: Dict[str, Any], other: Dict[str, Any]) -> List[str]:
+    """Return the inputs of a verified manifest that another one has otherwise; none where that names others."""
+    files, others = (sorted((each["file"], each.get("sha256")) for each in one["inputs"]) for one in (manifest, other))
+    if [name for name, _ in files] != [name for name, _ in others]:
+        return []
+    return [name for (name, sha256), (_, before) in zip(files, others) if before not in (None, sha256)]
+
+
 def applied_offsets(manifest: Dict[str, Any], inputs: Sequence[Path], folder: Path) -> Tuple[int, ...]:
     """Return what a merge added to the times of inputs, in whatever order these are named.
 
