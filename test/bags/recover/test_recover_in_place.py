@@ -259,8 +259,19 @@ def test_an_undo_file_of_before_that_does_not_know_the_new_end_needs_a_chunk_tha
         if proven:
             assert digest(restore(done.path)) == before
         else:
-            with pytest.raises(BagError, match="belongs to another bag"):
+            with pytest.raises(BagError, match=r"\.undo: is of an earlier version and does not prove its bag; keep"):
                 restore(done.path)
+
+
+def test_an_undo_file_of_a_bag_that_was_changed_since_says_so(active):
+    """As by somebody who appended to it, or reindexed it."""
+    done = recover_in_place(active)
+    with done.path.open("ab") as file:
+        file.write(b"\xff" * 100_000)
+    raw = done.path.read_bytes()
+    with pytest.raises(BagError, match=r"\.undo: belongs to another bag, or the bag was changed since; put"):
+        restore(done.path)
+    assert done.path.read_bytes() == raw
 
 
 def test_the_command_line_does_and_undoes_it(tmp_path, active, capsys):

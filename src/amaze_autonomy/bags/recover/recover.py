@@ -545,7 +545,11 @@ def _current(path: Path, original: Path) -> Path:
 
 def _write_back(file: int, undo: Undo, path: Path) -> None:
     if not _is_of(undo, file):
-        raise BagError(str(path), "belongs to another bag", "put the bag beside it that was recovered in place")
+        if undo.new is None and undo.place <= FIRST_RECORD:
+            wrong = "is of an earlier version and does not prove its bag"
+            raise BagError(str(path), wrong, "keep both, the bag was recovered as far as it could be")
+        wrong = "belongs to another bag, or the bag was changed since"
+        raise BagError(str(path), wrong, "put the bag beside it that was recovered in place, as it was then")
     for place, data in ((undo.place, undo.end), (0, undo.head)):
         view = memoryview(data)
         while view:
