@@ -137,7 +137,9 @@ def test_nothing_is_said_of_a_graph_that_is_not_there(capsys, command):
 
 
 @pytest.mark.parametrize("command", [("doctor",), ("propose-config", "--live")])
-@pytest.mark.parametrize("uri", ["127.0.0.1:11977", "localhost:11311", "", "foo://here:1", "http://:1", "http://a:b"])
+@pytest.mark.parametrize(
+    "uri", ["127.0.0.1:11977", "localhost:11311", "", "foo://here:1", "http://:1", "http://a:b", "http://a b:11311"]
+)
 def test_an_address_that_no_master_can_have_is_one_line(capsys, monkeypatch, command, uri):
     pytest.importorskip("rospy", reason="without ROS that is what is said")
     monkeypatch.setenv("ROS_MASTER_URI", uri)

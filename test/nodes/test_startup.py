@@ -54,7 +54,7 @@ def test_what_is_no_time_does_not_start(startup, nonsense):
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("node", ["autonomy", "watchdog", "simulation"])
+@pytest.mark.parametrize("node", ["autonomy", "watchdog", "simulation", "recorded_peers"])
 def test_an_address_that_no_master_can_have_is_refused_at_once(node, tmp_path):
     program = Path(__file__).parents[2] / "scripts" / node
     environment = {**os.environ, "ROS_MASTER_URI": "127.0.0.1:11977", "ROS_HOME": str(tmp_path)}

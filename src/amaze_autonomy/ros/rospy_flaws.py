@@ -178,6 +178,7 @@ def _usable(uri: str) -> bool:
     """Return whether an address is one of a host; without a port it is the one of HTTP."""
     try:
         parts = urlsplit(uri)
-        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+        host = parts.hostname or ""
+        return parts.scheme in ("http", "https") and host.split() == [host] and parts.port != 0
     except ValueError:  # the port is no number
         return False

@@ -20,7 +20,8 @@ from typing import Any, List
 import roslib.message
 import rospy
 
-from amaze_autonomy.ros.rospy_flaws import mend_rospy
+from amaze_autonomy.ros.errors import StartError
+from amaze_autonomy.ros.rospy_flaws import check_master_uri, mend_rospy
 
 NUMBER = struct.Struct("<H")
 MOST_BYTES = 1 << 17
@@ -29,6 +30,11 @@ _QUEUE = 10
 
 def main(argv: List[str]) -> int:
     """Publish what the device says until it is gone; return the exit status."""
+    try:
+        check_master_uri()
+    except StartError as error:
+        print(f"simulated_driver: {error}", file=sys.stderr, flush=True)
+        return 2
     device = socket.socket(fileno=int(argv[1]))
     device.setblocking(True)  # rospy gives every socket of its process a time limit, which outlives the process
     topics = json.loads(device.recv(MOST_BYTES))

@@ -34,7 +34,7 @@ from amaze_autonomy.bags import BagError, Recording
 from amaze_autonomy.interface import SERVICES
 from amaze_autonomy.ros.interface import SERVICE_CLASSES
 from amaze_autonomy.ros.liveness import call
-from amaze_autonomy.ros.rospy_flaws import mend_rospy
+from amaze_autonomy.ros.rospy_flaws import check_master_uri, mend_rospy
 
 from ...ros import node_main
 from ...ros.arguments import answer_words, given
@@ -209,6 +209,11 @@ def main() -> int:
     answered = answer_words("recorded_peers", __doc__)
     if answered is not None:
         return answered
+    try:
+        check_master_uri()
+    except StartError as error:
+        print(f"recorded_peers: {error}", file=sys.stderr, flush=True)
+        return 2
     node_main.write_for_user_and_group()
     mend_rospy()
     rospy.init_node("recorded_peers")
