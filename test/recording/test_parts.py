@@ -141,6 +141,9 @@ def test_what_was_recovered_by_hand_is_not_recovered_once_more(tmp_path):
     assert (digest(path), digest(whole)) == before
     assert close_parts(tmp_path, FACTS) == content
     assert [each.path for each in whole_bags(tmp_path, content, tmp_path / "target")] == [whole]
+    path.unlink()
+    for facts in (FACTS, {**FACTS, "anew": True}):
+        assert close_parts(tmp_path, facts) == content, "of what it was recovered is known when that is removed"
 
 
 @pytest.mark.parametrize("wrong", ["fewer", "damaged"])

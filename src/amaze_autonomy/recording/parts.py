@@ -208,7 +208,7 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
     files: List[Written] = []
     for path in paths:
         size = path.stat().st_size
-        listed = [_compared(each, before, anew=anew) for each in by_hand.get(path) or _listed(folder, path)]
+        listed = [_compared(folder, each, before, anew=anew) for each in by_hand.get(path) or _listed(folder, path)]
         entries += listed
         files += _written(folder, path, listed)
         meter.add(size)
@@ -240,7 +240,7 @@ def _put_on_disk(folder: Path, entries: Sequence[Mapping[str, Any]]) -> None:
 _KNOWN = ("lost", "lost_inside", "undo_damaged", "changed", "listed_as")  # of a file, from when it was listed before
 
 
-def _compared(entry: Dict[str, Any], before: Mapping[str, Any], *, anew: bool) -> Dict[str, Any]:
+def _compared(folder: Path, entry: Dict[str, Any], before: Mapping[str, Any], *, anew: bool) -> Dict[str, Any]:
     """Return an entry with what is known of it since it was listed before; `anew`: it should be as it was then.
 
     What was listed first, whoever has it whole, is named: as `changed` of a file of the same name, and as `listed_as`
@@ -252,7 +252,9 @@ def _compared(entry: Dict[str, Any], before: Mapping[str, Any], *, anew: bool) -
         return entry
     if (was["file"], was.get("sha256")) == (entry["file"], entry["sha256"]):
         now = {key: value for key, value in entry.items() if key not in _KNOWN}
-        return {**now, **{key: was[key] for key in _KNOWN if key in was}}
+        original = was.get("recovered_from")  # somebody may have removed it since
+        origin = {"recovered_from": original} if original and not (folder / str(original)).exists() else {}
+        return {**origin, **now, **{key: was[key] for key in _KNOWN if key in was}}
     if not anew:
         return entry
     if was["file"] == entry["file"]:
