@@ -186,7 +186,9 @@ def test_what_waited_behind_a_service_that_hung_is_not_sent_any_more_but_for_a_l
     assert link.state.unsent == 1
 
 
-@pytest.mark.parametrize("wanted, taken", [(CLIENT_MESSAGES, {EKF, BATTERY, HOME, ORIGIN}), (PLANNER_MESSAGES, {EKF, HOME})])
+@pytest.mark.parametrize(
+    "wanted, taken", [(CLIENT_MESSAGES, {EKF, BATTERY, HOME, ORIGIN}), (PLANNER_MESSAGES, {EKF, HOME})]
+)
 def test_of_what_mavros_receives_only_what_is_wanted_is_looked_at(services, wanted, taken):
     assert services.called == []
     client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
