@@ -1554,6 +1554,33 @@ def test_what_the_node_says_at_its_end_is_that_it_took_an_arming_back(capsys):
     assert not found.craft.armed
 
 
+def test_what_the_node_says_at_its_end_is_that_it_disarms_also_where_the_vehicle_spins_up_for_long(capsys):
+    pytest.importorskip("rospy")
+    found = Recorded()
+    found.take_off("line")
+    found.until(lambda: found.craft.armed and found.craft.mode == MISSION)
+    found.craft._lift_at = found.craft.t_ns + 60 * S
+    found.run(3500 * MS)
+    assert leave(found) == [(P.LANDING, 0, "the planner ends: it disarms")]
+    assert capsys.readouterr().out == "mission_planner: ended on the ground: the vehicle is disarmed\n"
+
+
+def test_what_the_node_says_at_its_end_does_not_hide_why_a_takeoff_has_failed():
+    pytest.importorskip("rospy")
+    found = Recorded()
+    send = found.channel.ours
+
+    def lost(messages):
+        send([each for each in messages if not (each.get_type() == "COMMAND_LONG" and each.command == ARM)])
+
+    found.channel.ours = lost
+    found.take_off("line")
+    found.until(lambda: found.phase is P.FAILED, 20 * S)
+    ((phase, _, words),) = leave(found)
+    assert phase is P.FAILED
+    assert words.startswith("arm: not shown within")
+
+
 @pytest.mark.parametrize("late_ms, said", [(5, "the vehicle is disarmed"), (1500, "")])
 def test_the_node_stays_for_an_arming_that_may_be_late_also_where_it_stays_shorter_for_a_landing(late_ms, said, capsys):
     pytest.importorskip("rospy")

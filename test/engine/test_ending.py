@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Dict, NamedTuple, Tuple
 
 import pytest
@@ -272,8 +273,17 @@ def test_what_came_back_while_the_engine_was_dead_is_heard_before_its_wait_ends(
 def test_what_did_not_come_back_while_the_engine_was_dead_ends_the_flight_at_the_next_word():
     story, limit_s = _waits_for_lrf()
     story.pass_dead(limit_s + 3.0).feed(ev.EngineStarted, label="again", resumed=True)
+    story.silent.append("watchdog")
     word_s = story.rules.limits.watchdog_heartbeat_limit_ns / S
     story.after(word_s - 0.1).expect("HOLD").after(0.2).expect("LAND")
+
+
+def test_what_is_heard_to_be_bad_still_is_not_waited_for_longer():
+    story, limit_s = _waits_for_lrf()
+    limits = replace(story.rules.limits, watchdog_heartbeat_limit_ns=10 * S)
+    story.rules = replace(story.rules, limits=limits)
+    story.pass_dead(limit_s + 3.0).feed(ev.EngineStarted, label="again", resumed=True)
+    story.after(0.5).expect("LAND")
 
 
 def test_a_restart_leaves_a_wait_that_ends_later_as_it_is():

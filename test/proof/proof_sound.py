@@ -313,7 +313,8 @@ def _(s: EngineState) -> bool:
 @_is("Budgets are what is left of a wait: none is spent twice, none outlasts limit and word of the watchdog.")
 def _(s: EngineState) -> bool:
     spent = dict(s.flight.spent)
-    unheard = s.started_ns is not None and s.t_ns - s.started_ns < LIMITS.watchdog_heartbeat_limit_ns
+    beat_ns, limit_ns = s.peers.heartbeat_ns or 0, LIMITS.watchdog_heartbeat_limit_ns
+    unheard = s.started_ns is not None and beat_ns <= s.started_ns and s.t_ns - s.started_ns < limit_ns
     return (
         len(spent) == len(s.flight.spent)
         and all(value >= 0 for value in spent.values())

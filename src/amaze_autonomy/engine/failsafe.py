@@ -311,9 +311,12 @@ def severity_of(name: str, code: Code, state: EngineState, rules: Rules) -> Seve
     return row_of_code(code)
 
 
-def heard_ns(state: EngineState, rules: Rules) -> int:
-    """Return when the watchdog was heard again after a start: no wait ends before, it may have good news."""
-    return 0 if state.started_ns is None else state.started_ns + rules.limits.watchdog_heartbeat_limit_ns
+def listens_until_ns(state: EngineState, rules: Rules) -> int:
+    """Return until when a watchdog is listened to that a start has not heard yet: no wait ends before its news."""
+    started_ns, heard_ns = state.started_ns, state.peers.heartbeat_ns
+    if started_ns is None or (heard_ns is not None and heard_ns > started_ns):
+        return 0
+    return started_ns + rules.limits.watchdog_heartbeat_limit_ns
 
 
 def wait_limit_ns(name: str, rules: Rules) -> int:
@@ -402,7 +405,7 @@ class _Ledger:
         if not self.can_wait:
             return evolve(failure, action=_FLOOR.get(self.context.state.state, Action.WAIT), fallback=None)
         deadline = self._deadline(failure.name)
-        ends_ns = max(deadline, heard_ns(self.context.state, self.context.rules))
+        ends_ns = max(deadline, listens_until_ns(self.context.state, self.context.rules))
         if restart is not Restart.GIVEN_UP and self.context.now < ends_ns:
             return evolve(failure, fallback=fallback, deadline_ns=deadline)
         if fallback is Action.CONTINUE:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Callable, Dict, Iterator, Mapping, Optional, Tuple, Union
 
 from .events import CHECKS, CheckName, checks_of
-from .failsafe import FAILSAFE_CONDITIONS, Silent, heard_ns
+from .failsafe import FAILSAFE_CONDITIONS, Silent, listens_until_ns
 from .rules import Rules
 from .state import EngineState, FailureKind, State, Step
 
@@ -72,7 +72,7 @@ def _check_poll(state: EngineState, rules: Rules) -> Optional[int]:
 
 def _wait(state: EngineState, rules: Rules) -> Optional[int]:
     ends = [f.deadline_ns for f in state.failures if f.deadline_ns is not None and f.kind is not FailureKind.USER]
-    return max(min(ends), heard_ns(state, rules)) if ends else None
+    return max(min(ends), listens_until_ns(state, rules)) if ends else None
 
 
 def _disarm(state: EngineState, rules: Rules) -> Optional[int]:

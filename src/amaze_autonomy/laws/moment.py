@@ -66,8 +66,9 @@ class Moment:
         return next(budgets, self.rules.limits.unlisted_wait_limit_ns)
 
     def is_spent(self, name: str) -> bool:
-        """Return True when the budget is spent, and the watchdog could be heard since the engine was started."""
-        heard = self.saw.now - self.saw.started_ns >= self.rules.limits.watchdog_heartbeat_limit_ns
+        """Return True when the budget is spent, and a restarted engine has, or could have, heard the watchdog."""
+        saw, limit_ns = self.saw, self.rules.limits.watchdog_heartbeat_limit_ns
+        heard = (saw.beat_ns or 0) > saw.started_ns or saw.now - saw.started_ns >= limit_ns
         return heard and dict(self.saw.waited).get(name, 0) >= self.budget_ns(name)
 
     def limit(self, name: str) -> float:

@@ -374,11 +374,15 @@ class Sequencer:
         leaves = not may_arm and (not flies or self._is_down(t_ns))
         if leaves or (self.watch.armed and self.watch.others_fly):
             return False, ()
-        self.guards = self._ends_on_ground = may_arm
-        if may_arm and (self._landing or self._meant(t_ns) is _A.ABORT):
-            return True, () if self._landing else self._land(t_ns, ENDS)
-        self._unasked.want(t_ns, ENDS)
-        return True, self._land_unasked(t_ns)
+        self.guards = may_arm
+        messages: Sequence[Message] = ()
+        if not may_arm or (not self._landing and self._meant(t_ns) is not _A.ABORT):
+            self._unasked.want(t_ns, ENDS)
+            messages = self._land_unasked(t_ns)
+        elif not self._landing:
+            messages = self._land(t_ns, ENDS)
+        self._ends_on_ground = may_arm or self._doing(_A.ABORT)
+        return True, messages
 
     @property
     def takes_back(self) -> bool:
@@ -475,7 +479,8 @@ class Sequencer:
 
     def _doing(self, *actions: MissionAction) -> bool:
         """Return whether one of these was commanded last."""
-        return self._procedure is not None and self._procedure.action in actions
+        procedure = self._procedure  # once: the node asks from another thread
+        return procedure is not None and procedure.action in actions
 
     def _end(self) -> None:
         """Be on the ground, disarmed."""
@@ -688,8 +693,11 @@ class Sequencer:
     def last_status(self, t_ns: int) -> MissionStatus:
         """Return what is told last, where it lands or disarms as it ends: a landing mode that shows now is no pilot's.
 
-        Also on the ground it is LANDING: the vehicle may have lifted off, unseen, and the landing mode follow.
+        Also on the ground it is LANDING: the vehicle may have lifted off, unseen, and the landing mode follow. What has
+        failed there stays so, with its reason.
         """
+        if self._phase not in IN_FLIGHT and not self._doing(_A.LAND):
+            return self.status(t_ns)
         words = f"the planner ends: it {'disarms' if self.takes_back else 'lands'}"
         return self._progress()._replace(phase=_P.LANDING, message=words).status(t_ns, self._loaded)
 
