@@ -165,6 +165,7 @@ def test_one_wrong_status_does_not_tell_whether_it_was_armed_at_the_start(lies):
 def test_armed_after_the_start_is_somebody_else():
     story = Story().start().after(1.0)
     story.say(armed=True).until("PILOT", limit_s=0.5)
+    assert story.motions == []
 
 
 #: Where a limit passes while nobody decides: no answer to a check. In flight it is heard first who has control.
@@ -343,6 +344,7 @@ def test_a_restart_after_the_end_of_a_process_takes_missions_again():
     story.feed(ev.Shutdown)
     story.feed(ev.EngineStarted, label="again", resumed=True)
     story.select().until("MISSION", "flying")
+    assert story.place == ("MISSION", "flying")
 
 
 def test_a_restart_says_so():

@@ -431,7 +431,7 @@ def _filter(options: argparse.Namespace) -> bool:
 
 def _verify(options: argparse.Namespace) -> bool:
     """Verify a merged bag and write the verdict into its manifest, where that is of these inputs."""
-    from .merge.manifest import applied_offsets, has_same_inputs, manifest_path, read_manifest
+    from .merge.manifest import applied_offsets, changed_inputs, manifest_path, read_manifest
 
     place = manifest_path(options.bag)
     manifest = read_manifest(place) if place.is_file() else None
@@ -447,18 +447,17 @@ def _verify(options: argparse.Namespace) -> bool:
         raise BagError("--offsets-s", f"{len(offsets)} offsets for {len(inputs)} inputs", "give one each")
     verified, new = _verified(options.bag, inputs, offsets, manifest, options)
     _show(_verify_lines(verified), new, as_json=options.json)
-    if manifest and inputs and not has_same_inputs(new, manifest):
-        say_wrong("amaze-bag", f"{place}: {_other_inputs(new, manifest)}; the verdict was not written into it", DONE)
+    changed = changed_inputs(new, manifest) if manifest else []
+    if manifest and inputs and changed != []:
+        words = _other_inputs(new, manifest, changed)
+        say_wrong("amaze-bag", f"{place}: {words}; the verdict was not written into it", DONE)
     elif inputs:
         _keep_verdict(options.bag, new)
     return bool(verified.problems)
 
 
-def _other_inputs(new: Dict[str, Any], manifest: Dict[str, Any]) -> str:
+def _other_inputs(new: Dict[str, Any], manifest: Dict[str, Any], changed: Optional[Sequence[str]]) -> str:
     """Return how what was verified is not of the inputs that a manifest names: of one that rotted the bag is better."""
-    from .merge.manifest import changed_inputs
-
-    changed = changed_inputs(new, manifest)
     if not changed:
         return "is of other inputs"
     intact = new["output"]["sha256"] == manifest["output"].get("sha256")

@@ -149,20 +149,11 @@ def _input(now: Dict[str, Any], known: List[Dict[str, Any]]) -> Dict[str, Any]:
     return now
 
 
-def has_same_inputs(manifest: Dict[str, Any], other: Dict[str, Any]) -> bool:
-    """Return whether a verified manifest is of just the inputs that another one has, as they were then."""
-    files, others = (sorted((each["file"], each.get("sha256")) for each in one["inputs"]) for one in (manifest, other))
-    return len(files) == len(others) and all(
-        name == other_name and other_sha256 in (None, sha256)
-        for (name, sha256), (other_name, other_sha256) in zip(files, others)
-    )
-
-
-def changed_inputs(manifest: Dict[str, Any], other: Dict[str, Any]) -> List[str]:
-    """Return the inputs of a verified manifest that another one has otherwise; none where that names others."""
+def changed_inputs(manifest: Dict[str, Any], other: Dict[str, Any]) -> Optional[List[str]]:
+    """Return the inputs of a verified manifest that are not what they were in another one; None: it names others."""
     files, others = (sorted((each["file"], each.get("sha256")) for each in one["inputs"]) for one in (manifest, other))
     if [name for name, _ in files] != [name for name, _ in others]:
-        return []
+        return None
     return [name for (name, sha256), (_, before) in zip(files, others) if before not in (None, sha256)]
 
 
