@@ -19,6 +19,10 @@ GOOD = LinkState(True, "", 1, 5, (), (), 100, 0, 0, 0, 0, 0)
         ({"heartbeat_ns": None, "others": (2, 3)}, "no vehicle 1; heard are 2, 3: see vehicle_id"),
         ({"heartbeat_ns": None, "frames": 0, "damaged_bytes": 5000}, "only noise is heard: is the baud rate right"),
         ({"strangers": ("10.0.0.2:5",)}, "another vehicle says system id 1, from 10.0.0.2:5; it is ignored"),
+        (
+            {"strangers": ("mavros, where ours is, too",), "mixed": True},
+            "another vehicle says system id 1, from mavros, where ours is, too; it is taken for ours: give it another",
+        ),
         ({"doubles": 3}, "somebody else speaks with our own"),
         ({"others": (2,), "refused": 1}, ""),
         ({"errors": 1}, "a message could not be dealt with"),

@@ -308,14 +308,22 @@ def test_over_a_link_of_our_own_a_first_sign_is_told_at_once():
 # --- what mavros receives ---------------------------------------------------------------------------------------------
 
 
-def received(message, *, system=1, framing=1):
+def received(message, *, system=1, framing=1, sequence=0):
     """Return a mavros_msgs/Mavlink: what is behind the payload in its last 8 bytes is whatever was there before."""
     frame = Framing(system, 1).encode(message)
     length = frame[1]
     words = frame[10 : 10 + length].ljust(-(-length // 8) * 8, b"\xff")
     payload = struct.unpack(f"<{len(words) // 8}Q", words)
     number = int.from_bytes(frame[7:10], "little")
-    return Said(framing_status=framing, len=length, sysid=system, compid=1, msgid=number, payload64=payload)
+    return Said(
+        framing_status=framing,
+        len=length,
+        seq=sequence % 256,
+        sysid=system,
+        compid=1,
+        msgid=number,
+        payload64=payload,
+    )
 
 
 def report(flags, airspeed=0.0):
@@ -583,3 +591,78 @@ def test_two_batteries_on_one_topic_are_told_apart_and_the_worst_counts():
             assert battery.reading().fraction == 0.3
     unnamed = convert("battery", location="", voltage=15.0, cell_voltage=[], current=-1.0, percentage=0.9)
     assert unnamed.id == 0
+
+
+# --- who sent what mavros receives ------------------------------------------------------------------------------------
+
+
+class Vehicle:
+    """One behind mavros that says 50 messages a second, of which every fifth tells when it was started."""
+
+    def __init__(self, converter, *, first=0, boot_s=100.0, system=1):
+        self.converter, self.number, self.boot_s, self.system = converter, first, boot_s, system
+
+    def say(self, t_s, *, armed=False, lost=False):
+        self.number += 1
+        if lost:
+            return
+        kinds = (
+            mavlink.MAVLink_attitude_message(int(1000 * (t_s + self.boot_s)), 0, 0, 0, 0, 0, 0),
+            mavlink.MAVLink_heartbeat_message(2, 12, 129 if armed else 1, 0, 4, 3),
+            *[mavlink.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)] * 3,
+        )
+        said = received(kinds[self.number % len(kinds)], system=self.system, sequence=self.number)
+        self.converter.note_sender(round(t_s * S), said)
+
+
+def strangers(*vehicles, seconds=8, gone_at_s=None, loses=lambda _number: False):
+    """Return who was told as a second vehicle, second by second; the first vehicle goes at a time."""
+    converter, told = vehicles[0].converter, []
+    for number in range(50 * seconds):
+        t_s = 10 + number / 50
+        for vehicle in vehicles:
+            if vehicle is not vehicles[0] or gone_at_s is None or number < 50 * gone_at_s:
+                vehicle.say(t_s, lost=loses(number))
+        if number % 50 == 49:
+            told.append(converter.strangers(round(t_s * S)))
+    return told
+
+
+MAVROS = ("mavros, where ours is, too",)
+
+
+def test_two_vehicles_of_one_id_behind_mavros_are_told_apart_by_their_counts_of_messages():
+    converter = Converter()
+    assert converter.strangers(0) is None  # nobody can tell yet
+    told = strangers(Vehicle(converter), Vehicle(converter, first=120, boot_s=4000.0))
+    assert (told[0], told[3:]) == ((), [MAVROS] * 5)
+
+
+@pytest.mark.parametrize("loses", [lambda _: False, lambda number: number % 3 == 0, lambda number: number % 200 < 100])
+def test_one_vehicle_behind_mavros_is_one_though_messages_are_lost(loses):
+    assert set(strangers(Vehicle(Converter()), seconds=20, loses=loses)) - {None} == {()}
+
+
+def test_a_vehicle_of_another_id_and_what_is_damaged_is_nobody_of_ours():
+    converter = Converter()
+    assert set(strangers(Vehicle(converter), Vehicle(converter, first=120, boot_s=4000.0, system=2))) == {()}
+    for number in range(400):
+        converter.note_sender((20 + number // 50) * S, received(report(0), framing=2, sequence=number + 120))
+    assert converter.strangers(28 * S) == ()
+
+
+def test_a_vehicle_that_takes_the_place_of_one_that_was_switched_off_is_no_second_one():
+    converter = Converter()
+    told = strangers(Vehicle(converter), seconds=3, gone_at_s=3)
+    for number in range(400):
+        other = Vehicle(converter, first=120 + number, boot_s=-15.0)
+        other.say(20 + number / 50)
+    assert (set(told), converter.strangers(28 * S)) == ({()}, ())
+
+
+def test_whether_the_vehicle_is_armed_is_told_by_its_own_heartbeat():
+    converter = Converter()
+    vehicle = Vehicle(converter)
+    for number in range(10):
+        vehicle.say(10 + number / 50, armed=True)
+    assert converter.sources.armed

@@ -14,6 +14,7 @@ pytest.importorskip("rospy")
 
 from genpy import SerializationError
 
+from amaze_autonomy.autopilot.link.connection import link_problem
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.mavros.messages import BATTERY, EKF, HOME, ORIGIN, RECEIVED
 from amaze_autonomy.autopilot.mavros.requests import LATE_NS, Lane, request_of
@@ -186,17 +187,58 @@ def test_what_waited_behind_a_service_that_hung_is_not_sent_any_more_but_for_a_l
     assert link.state.unsent == 1
 
 
+ARDUPILOT, NOBODY = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_AUTOPILOT_GENERIC
+
+
 @pytest.mark.parametrize(
-    "wanted, taken", [(CLIENT_MESSAGES, {EKF, BATTERY, HOME, ORIGIN}), (PLANNER_MESSAGES, {EKF, HOME})]
+    "wanted, mode, taken",
+    [
+        (CLIENT_MESSAGES, "GUIDED", {EKF, BATTERY, HOME, ORIGIN}),
+        (PLANNER_MESSAGES, "GUIDED", {EKF, HOME}),
+        (CLIENT_MESSAGES, "AUTO.LOITER", {BATTERY}),
+        (PLANNER_MESSAGES, "AUTO.LOITER", set()),
+        (CLIENT_MESSAGES, "ACRO", set()),
+    ],
 )
-def test_of_what_mavros_receives_only_what_is_wanted_is_looked_at(services, wanted, taken):
+def test_of_what_mavros_receives_only_what_no_topic_has_is_looked_at(services, monkeypatch, wanted, mode, taken):
     assert services.called == []
+    subscribed, found, noted = [], set(), []
+    subscriber = threading.Event()
+    monkeypatch.setattr(
+        mavros_link.rospy, "Subscriber", lambda topic, *_, **__: subscribed.append(topic) or subscriber.set()
+    )
+    monkeypatch.setattr(mavros_link.rospy, "get_param", lambda _name, default: default)
     client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
-    made, found = MavrosLink("/mavros", client, wanted, lambda: 0, lambda _: None), set()
+    made = MavrosLink("/mavros", client, wanted, lambda: 0, lambda _: None)
+    made._announce = lambda: None
+    for _ in range(2):
+        made._take(SimpleNamespace(connected=True, armed=False, mode=mode, system_status=3), mavros_link.STATE)
+    if taken:
+        assert subscriber.wait(LIMIT_S)
+    assert subscribed == ["/mavlink/from"] * bool(taken)
     made._take = lambda message, source: found.add((message.msgid, source))
+    made._converter.note_sender = lambda _t_ns, message: noted.append(message.msgid)
     for number in (0, 30, BATTERY, EKF, HOME, ORIGIN):
         made._take_received(SimpleNamespace(msgid=number))
     assert found == {(number, RECEIVED) for number in taken}
+    assert noted == [0, 30, BATTERY, EKF, HOME, ORIGIN]
+
+
+def test_a_second_vehicle_behind_mavros_is_told_and_said_to_be_taken_for_ours(services):
+    node = AutopilotClient(AutopilotSettings(backend="mavros"), BatterySpec(), lambda: (1, 1))
+    link, clock, said = linked(node, CLIENT_MESSAGES)
+    link._take(said, mavros_link.STATE)
+    assert (link.state.strangers, services.called) == (None, [])
+    for number in range(250):
+        clock.t_ns += S // 50
+        for first in (0, 120):
+            link._take_received(
+                SimpleNamespace(msgid=74, framing_status=1, seq=(first + number) % 256, sysid=1, compid=1)
+            )
+    assert link_problem(link.state, clock.t_ns) == (
+        "another vehicle says system id 1, from mavros, where ours is, too; it is taken for ours: "
+        "give it another MAV_SYS_ID or port"
+    )
 
 
 @pytest.mark.live

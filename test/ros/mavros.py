@@ -43,6 +43,8 @@ class FakeMavros:
         self.mode, self.armed, self.landed, self.height_m, self.fixed = "AUTO.LOITER", False, 1, 0.0, 3
         self.asked, self.ended = [], threading.Event()
         self.batteries = [("", 0.9)]
+        self.counts = []  # of the messages of each vehicle that mavros receives beside those of an ArduPilot
+        self.charge_state = 0  # of the battery among them
         self.publishers = {
             topic: rospy.Publisher(f"{namespace}/{topic}", kind, queue_size=5)
             for topic, kind in (
@@ -89,9 +91,20 @@ class FakeMavros:
             number += 1
             for topic, message in self.messages(number).items():
                 self.publishers[topic].publish(message)
+            for count in self.counts:
+                self.publishers["received"].publish(self.pack(count + number))
             location, level = self.batteries[number % len(self.batteries)]
             battery = BatteryState(location=location, voltage=15.8, current=-1.0, percentage=level)
             self.publishers["battery"].publish(battery)
+
+    def pack(self, count):
+        """Return the BATTERY_STATUS of a PX4 among what mavros receives, with the charge state, which no topic has."""
+        data = struct.pack(
+            "<iihH9HhBBBbiB", -1, -1, 32767, 15800, *[65535] * 9, -100, 0, 0, 0, 90, 0, self.charge_state
+        )
+        words = struct.unpack("<6Q", data.ljust(48, b"\0"))
+        found = {"framing_status": 1, "magic": 253, "len": len(data), "msgid": 147, "payload64": words}
+        return mavros.Mavlink(sysid=1, compid=1, seq=count % 256, **found)
 
     def messages(self, number):
         """Return what is published, by topic; the estimator's flags as PX4 or as ArduPilot says them."""
@@ -200,6 +213,23 @@ class TestMavros(unittest.TestCase):
         wait_for(lambda: len(self.statuses) > first + 10, "two seconds of statuses")
         levels = {round(said.battery_fraction, 2) for said in self.statuses[first:]}
         self.assertEqual(levels, {0.3})
+
+    def test_a_px4_judges_its_battery_and_a_second_vehicle_of_its_id_forbids_takeoff(self):
+        """Both are in what mavros receives alone."""
+        row = lambda name: next(row for row in self.call("check", srv.CheckAutopilot).checks if row.name == name)  # noqa: E731
+        self.mavros.__dict__.update(counts=[0], charge_state=1)
+        self.wait(says_all, "all")
+        battery = lambda: self.call("check_battery", srv.CheckBattery, 0.5).checks[-1]  # noqa: E731
+        wait_for(lambda: battery().verdict == CHECK.PASS, lambda: f"a judged battery: {battery()}", period_s=0.5)
+        self.assertEqual((battery().name, row("one vehicle").verdict), ("battery state", CHECK.PASS))
+        self.mavros.counts = [0, 120]
+        wait_for(lambda: row("one vehicle").verdict == CHECK.FAIL, "a second vehicle", period_s=0.5)
+        self.assertIn("speaks from mavros, where ours is, too", row("one vehicle").advice)
+        wait_for(lambda: "it is taken for ours" in self.node.log, lambda: self.node.log)
+        self.mavros.counts = [0]
+        wait_for(lambda: row("one vehicle").verdict == CHECK.PASS, "it is switched off", period_s=0.5)
+        self.mavros.charge_state = 3
+        self.wait(lambda said: said.battery_critical, "a critical battery")
 
     def test_what_is_written_here_is_what_mavros_has(self):
         written = {**made("msg"), **made("srv")}

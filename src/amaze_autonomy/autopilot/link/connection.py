@@ -149,13 +149,14 @@ class LinkState(NamedTuple):
         vehicle: system id of the vehicle, None while it is not known.
         heartbeat_ns: when the vehicle beat last, None: never.
         others: system ids of other vehicles on the link.
-        strangers: where others speak from that say our vehicle's system id.
+        strangers: where others speak from that say our vehicle's system id; None: that cannot be told.
         frames: that were good.
         damaged_bytes: that were in no good frame.
         refused: frames without a good signature.
         unsent: messages that could not be sent.
         doubles: messages from somebody who uses our own address.
         errors: exceptions of the client, and of the link itself.
+        mixed: what strangers say cannot be told from what ours says.
     """
 
     opened: bool
@@ -163,13 +164,14 @@ class LinkState(NamedTuple):
     vehicle: Optional[int]
     heartbeat_ns: Optional[int]
     others: Tuple[int, ...]
-    strangers: Tuple[str, ...]
+    strangers: Optional[Tuple[str, ...]]
     frames: int
     damaged_bytes: int
     refused: int
     unsent: int
     doubles: int
     errors: int
+    mixed: bool = False
 
 
 class Connection(ClientHost):
@@ -407,10 +409,10 @@ _NOISE_BYTES = 1000
 _DOUBLES = 3
 
 
-def strangers_problem(vehicle: Optional[int], strangers: Sequence[str]) -> str:
-    """Return what is wrong with a second vehicle of our system id, which is not listened to."""
-    where = ", ".join(strangers)
-    return f"another vehicle says system id {vehicle}, from {where}; it is ignored: give it another MAV_SYS_ID or port"
+def _strangers_problem(state: LinkState) -> str:
+    """Return what is wrong with a second vehicle of our system id, which is not listened to where it can be told."""
+    where, what = ", ".join(state.strangers or ()), "it is taken for ours" if state.mixed else "it is ignored"
+    return f"another vehicle says system id {state.vehicle}, from {where}; {what}: give it another MAV_SYS_ID or port"
 
 
 def _never(state: LinkState) -> bool:
@@ -437,7 +439,7 @@ _ROWS: Tuple[_Row, ...] = (
         lambda _: "only noise is heard: is the baud rate right, does MAVLink come from there?",
     ),
     (lambda state, _: _never(state), lambda _: "no vehicle heard yet"),
-    (lambda state, _: bool(state.strangers), lambda state: strangers_problem(state.vehicle, state.strangers)),
+    (lambda state, _: bool(state.strangers), _strangers_problem),
     (
         _is_silent,  # the words stay the same while it lasts, since each change is told
         lambda state: f"vehicle {state.vehicle} has fallen silent: no heartbeat for {_SILENCE_NS // _S} s",

@@ -2,23 +2,25 @@
 
 So one client serves both ways to the vehicle. The table at the end: topic below mavros' namespace, type, what is made.
 The names of modes are turned back into numbers, and tell whose they are (`Behind`). Whether ArduPilot has a position is
-in EKF_STATUS_REPORT alone, of which mavros makes no topic, and what it thinks of its battery in the charge state of
-BATTERY_STATUS, which mavros' topic leaves out: both are taken from `mavlink/from`, all that mavros receives. So is
-where its home and the origin of its local frame are on the earth.
+in EKF_STATUS_REPORT alone, of which mavros makes no topic, and what an autopilot thinks of its battery in the charge
+state of BATTERY_STATUS, which mavros' topic leaves out: both are taken from `mavlink/from`, all that mavros receives.
+So is where an ArduPilot's home and the origin of its local frame are on the earth, and who says our vehicle's id.
 """
 
 from __future__ import annotations
 
 import struct
 from math import asin, atan2, isfinite, nan, pi
-from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.monitoring.gravity import up_of_quaternion
 
 from ..link.dialect import Message, mavlink
+from ..link.peers import Sources
 from ..vehicle.modes import autopilot_of, mavros_number
 
 VEHICLE = (1, 1)
+_PLACE = "mavros"  # from where all of it comes
 EKF, BATTERY = int(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT), int(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS)
 HOME, ORIGIN = int(mavlink.MAVLINK_MSG_ID_HOME_POSITION), int(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 _UNKNOWN_AUTOPILOT, _NO_MODE = int(mavlink.MAV_AUTOPILOT_GENERIC), 255  # of PX4 it is 0.0
@@ -230,8 +232,11 @@ def _apart(_: Any) -> None:
 
 def _received(message: Any) -> Optional[Message]:
     """Return the message in a mavros_msgs/Mavlink; MAVLink 2 leaves zeros at the end out of a payload."""
-    kind, size = TAKEN_FROM_RECEIVED.get(message.msgid), 8 * len(message.payload64)
-    if kind is None or message.framing_status != _FRAMING_OK or message.len > size:
+    return _decoded(message, TAKEN_FROM_RECEIVED.get(message.msgid))
+
+
+def _decoded(message: Any, kind: Any) -> Optional[Message]:
+    if kind is None or message.framing_status != _FRAMING_OK or message.len > 8 * len(message.payload64):
         return None
     data = struct.pack(f"<{len(message.payload64)}Q", *message.payload64)[: message.len]
     letters = bytes(kind.native_format).decode("ascii")  # the order of bytes, and one for each field, arrays, too
@@ -259,6 +264,24 @@ TAKEN_FROM_RECEIVED: Mapping[int, Any] = {
 }
 """What is taken of all that mavros receives."""
 
+_TELL_OF_SENDER: Mapping[int, Any] = {
+    int(kind.id): kind
+    for kind in (
+        mavlink.MAVLink_heartbeat_message,
+        mavlink.MAVLink_system_time_message,
+        mavlink.MAVLink_attitude_message,
+        mavlink.MAVLink_local_position_ned_message,
+    )
+}
+"""What says when its sender was started, or whether he is armed."""
+
+
+RECEIVED_OF: Mapping[int, FrozenSet[int]] = {
+    mavlink.MAV_AUTOPILOT_PX4: frozenset((BATTERY,)),  # all else is on a topic
+    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: frozenset(TAKEN_FROM_RECEIVED),
+}
+"""What is taken of which autopilot."""
+
 
 def _home(message: Any) -> Message:
     where = message.position
@@ -270,7 +293,7 @@ _VELOCITY = Source("local_position/velocity_local", "geometry_msgs/TwistStamped"
 _HEIGHT = Source("global_position/rel_alt", "std_msgs/Float64", "GLOBAL_POSITION_INT", _apart)
 STATE = Source("state", "mavros_msgs/State", "HEARTBEAT", _apart)
 RECEIVED = Source("mavlink/from", "mavros_msgs/Mavlink", "EKF_STATUS_REPORT", _received)
-"""Beside mavros' namespace, not below it; of ArduPilot alone, since each message that mavros receives costs time."""
+"""Beside mavros' namespace, not below it; for whom it has something (`RECEIVED_OF`): each message there costs time."""
 WAYPOINTS = Source("mission/waypoints", "mavros_msgs/WaypointList", "MISSION_CURRENT", _apart)
 """What `MavrosMission` reads."""
 SOURCES: Tuple[Source, ...] = (
@@ -311,10 +334,28 @@ class Converter:
     """
 
     def __init__(self) -> None:
-        self.behind, self.target = Behind(), VEHICLE
+        self.behind, self.target, self.sources = Behind(), VEHICLE, Sources()
+        self._hears_senders = False
         self._velocity, self._height_mm = (nan, nan, nan), 0
         self._without = {_VELOCITY.makes: _PARTS_APART, _HEIGHT.makes: _PARTS_APART}
         self._judged: Dict[int, int] = {}  # number of a battery: how often its topic came since it was received
+
+    def note_sender(self, t_ns: int, message: Any) -> None:
+        """Note who sent what mavros received at a time: two vehicles that say one id have a count of messages each."""
+        if (message.sysid, message.compid) != self.target or message.framing_status != _FRAMING_OK:
+            return
+        self._hears_senders = True
+        told = _decoded(message, _TELL_OF_SENDER.get(message.msgid))
+        armed = None
+        if told is not None and told.get_type() == "HEARTBEAT":
+            armed = bool(told.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        ours = self.sources.take(t_ns, _PLACE, message.seq, getattr(told, "time_boot_ms", None), armed=armed)
+        if ours and armed is not None:
+            self.sources.armed = armed
+
+    def strangers(self, t_ns: int) -> Optional[Tuple[str, ...]]:
+        """Return from where others say our vehicle's id; None while nothing that mavros receives has come."""
+        return self.sources.strangers(t_ns) if self._hears_senders else None
 
     def convert(self, source: Source, message: Any) -> Optional[Message]:
         """Return the MAVLink message of a message on a topic; None: it says nothing by itself."""

@@ -106,7 +106,7 @@ class AutopilotClient:
         battery: of sensors.yaml.
         address: returns system and component of the vehicle.
         wall_minus_clock_ns: wall time minus the clock of the messages, for the vehicle's time of day.
-        strangers: returns where others speak from that say our vehicle's system id.
+        strangers: returns where others speak from that say our vehicle's system id; None: that cannot be told.
         limits: of the engine, for how long messages must agree; None: those that ship.
 
     Raises:
@@ -119,7 +119,7 @@ class AutopilotClient:
         battery: BatterySpec,
         address: Address,
         wall_minus_clock_ns: Callable[[], int] = lambda: 0,
-        strangers: Callable[[], Sequence[str]] = lambda: (),
+        strangers: Callable[[], Optional[Sequence[str]]] = lambda: (),
         limits: Optional[Limits] = None,
     ) -> None:
         self.settings, self._battery = settings, battery

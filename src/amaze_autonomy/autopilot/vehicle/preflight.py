@@ -46,7 +46,7 @@ class Preflight:
         settings: limits and needs.
         parameters: that are compared.
         ground: what the landing detection says; None: it is silent.
-        strangers: where others speak from that say our vehicle's system id.
+        strangers: where others speak from that say our vehicle's system id; None: that cannot be told.
     """
 
     t_ns: int
@@ -54,7 +54,7 @@ class Preflight:
     settings: AutopilotSettings
     parameters: Sequence[ParameterState] = ()
     ground: Optional[Landed] = None
-    strangers: Sequence[str] = ()
+    strangers: Optional[Sequence[str]] = ()
 
     @property
     def age_s(self) -> Optional[float]:
@@ -98,8 +98,13 @@ def _is_nobodys(known: Preflight) -> bool:
     return through_mavros and beat is not None and beat.autopilot == mavlink.MAV_AUTOPILOT_GENERIC
 
 
+_UNTOLD = "nobody can tell: mavros' mavlink/from says nothing of this vehicle; see to it that mavros hears one alone"
+
+
 def _one_vehicle(known: Preflight) -> Check:
     """Say who else speaks as our vehicle; after a burst of lost messages ours may look like two for a moment."""
+    if known.strangers is None:
+        return _row(known, "one vehicle", _UNTOLD, good=None, needed=False)
     where = ", ".join(known.strangers)
     advice = f"another one with its system id speaks from {where}: switch it off, or give it another MAV_SYS_ID or port"
     return _row(known, "one vehicle", advice, good=not known.strangers, heals=True)

@@ -1,10 +1,10 @@
 """The way to the vehicle through a running mavros, with the face of a `Connection`: topics in, services out.
 
 Subscribes to the topics of which the wanted messages are made, calls `set_mode`, `cmd/command`, `param/get` and
-`mission/*`, publishes `setpoint_raw/local`. Behind it is PX4 or ArduPilot, by the names of its modes; of ArduPilot it
-listens to `mavlink/from` beside mavros' namespace, too (`messages.py`). Services are called by threads of their own,
-one for each lane, each call within a limit; what was asked twice meanwhile is asked once, and a command that has waited
-is dropped unless it lands. For a mode and an arming a connection stays open: a landing needs no ROS master.
+`mission/*`, publishes `setpoint_raw/local`. Behind it is PX4 or ArduPilot, by the names of its modes; what no topic has
+of it is taken from `mavlink/from` beside mavros' namespace (`messages.py`). Services are called by threads of their
+own, one for each lane, each call within a limit; what was asked twice meanwhile is asked once, and a command that has
+waited is dropped unless it lands. For a mode and an arming a connection stays open: a landing needs no ROS master.
 
 What a topic says, the vehicle has said. What a service answers, mavros has: that a mode was sent, what it remembers of
 parameters and missions. It is handed on as MAVLink, and is no sign that the vehicle is there.
@@ -19,7 +19,7 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
-from typing import Any, Callable, Deque, Dict, Iterable, Tuple
+from typing import Any, Callable, Deque, Dict, FrozenSet, Iterable, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -30,6 +30,7 @@ from ...autopilot.link.connection import ClientHost
 from ...autopilot.link.dialect import Message, mavlink
 from ...autopilot.mavros.messages import (
     RECEIVED,
+    RECEIVED_OF,
     STATE,
     TAKEN_FROM_RECEIVED,
     VEHICLE,
@@ -95,7 +96,8 @@ class MavrosLink(ClientHost):
         self._publisher: Any = None
         names = frozenset(wanted)
         self._kinds = {source: _message(source.kind) for source in sources_of(names)}
-        self._of_received = {number for number, kind in TAKEN_FROM_RECEIVED.items() if kind.msgname in names}
+        self._wanted = frozenset(number for number, kind in TAKEN_FROM_RECEIVED.items() if kind.msgname in names)
+        self._of_received: FrozenSet[int] = frozenset()
         flies = WAYPOINTS in self._kinds
         called = {**SERVICES, **(MISSION_SERVICES if flies else {})}
         self._services = {name: self._client_of(name, kind) for name, kind in called.items()}
@@ -136,10 +138,11 @@ class MavrosLink(ClientHost):
         return LinkState(
             opened=True,
             problem="",
-            vehicle=VEHICLE[0],
+            vehicle=self._converter.target[0],
             heartbeat_ns=self._heartbeat_ns,
             others=(),
-            strangers=(),
+            strangers=self._strangers(),
+            mixed=True,
             frames=self._frames,
             damaged_bytes=0,
             refused=0,
@@ -147,6 +150,10 @@ class MavrosLink(ClientHost):
             doubles=0,
             errors=self._errors,
         )
+
+    def _strangers(self) -> Optional[Tuple[str, ...]]:
+        with self._changed:
+            return self._converter.strangers(self._now_ns())
 
     # --- threads --------------------------------------------------------------------------------------------------
 
@@ -164,6 +171,8 @@ class MavrosLink(ClientHost):
         return int(rospy.get_param(f"{self._namespace}/target_{name}_id", 1))
 
     def _take_received(self, message: Any) -> None:
+        with self._changed:
+            self._converter.note_sender(self._now_ns(), message)
         if message.msgid in self._of_received:
             self._take(message, RECEIVED)
 
@@ -183,12 +192,13 @@ class MavrosLink(ClientHost):
         return () if made is None else (made,)
 
     def _look_behind(self, message: Any) -> None:
-        """Say what is wrong with the mode; listen to what ArduPilot sends, from when it is known to be one."""
+        """Say what is wrong with the mode; listen to what this autopilot sends, from when it is known which it is."""
         behind = self._converter.behind
         problem = behind.problem(message)
         if problem:
             self._say(problem)
-        if behind.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and RECEIVED in self._kinds and not self._listens:
+        self._of_received = RECEIVED_OF.get(behind.autopilot, frozenset()) & self._wanted
+        if self._of_received and not self._listens:
             self._listens = True
             threading.Thread(target=self._listen, name="mavros received", daemon=True).start()
 
