@@ -638,6 +638,13 @@ def test_two_vehicles_of_one_id_behind_mavros_are_told_apart_by_their_counts_of_
     assert (told[0], told[3:]) == ((), [MAVROS] * 5)
 
 
+def test_one_that_was_started_when_ours_was_may_be_ours_by_a_second_port():
+    """A router that hears both ports hands on each message twice, under two counts: it is refused, and said so."""
+    converter = Converter()
+    told = strangers(Vehicle(converter), Vehicle(converter, first=120))
+    assert told[-1] == (f"{MAVROS[0]} (started when ours was: perhaps ours by a second port)",)
+
+
 @pytest.mark.parametrize("loses", [lambda _: False, lambda number: number % 3 == 0, lambda number: number % 200 < 100])
 def test_one_vehicle_behind_mavros_is_one_though_messages_are_lost(loses):
     assert set(strangers(Vehicle(Converter()), seconds=20, loses=loses)) - {None} == {()}

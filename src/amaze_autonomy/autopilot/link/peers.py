@@ -229,7 +229,8 @@ class Sources:
         others = [run for run in self._runs if run is not ours and t_ns - run.heard_ns <= _REMEMBERED_NS]
         beside = [run for run in others if run.place != ours.place]
         behind = [run for run in others if run.place == ours.place and self._goes_on_beside(t_ns, run)]
-        names = [_name(run.place) for run in beside] + [f"{_name(run.place)}, where ours is, too" for run in behind]
+        names = [_name(run.place) + _start(run, ours) for run in beside]
+        names += [f"{_name(run.place)}, where ours is, too{_start(run, ours)}" for run in behind]
         return tuple(dict.fromkeys(names))
 
     @staticmethod
@@ -349,6 +350,11 @@ class Sources:
 
 def _same_boot(run: _Run, ours: _Run) -> bool:
     return run.boot_ns is not None and ours.boot_ns is not None and abs(run.boot_ns - ours.boot_ns) <= _BOOT_NS
+
+
+def _start(run: _Run, ours: _Run) -> str:
+    """Say of who was started when ours was that it may be ours: a router that hears it by two of its ports."""
+    return " (started when ours was: perhaps ours by a second port)" if _same_boot(run, ours) else ""
 
 
 def _name(place: Any) -> str:
