@@ -9,7 +9,7 @@ from mission_channel import MS, Channel, S, good
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
-from amaze_autonomy.autopilot.planner.sequencer import Sequencer, SequencerSettings
+from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import Mission, MissionPhase
 from amaze_autonomy.engine.rules import Limits
@@ -79,7 +79,7 @@ class Flying:
         self.planner = Sequencer(SequencerSettings(plans, spec or PlannerSpec(), MODEL, limits))
         self.vehicle = Vehicle(settings or Px4Settings(), kind)
         self.craft = self.vehicle.craft
-        self.channel = Channel(self.planner, self.vehicle, fate)
+        self.channel = Channel(self.planner, self.vehicle, fate, PLANNER_MESSAGES)
         self.phases: List[MissionPhase] = []
         self.received: List[Any] = []
         self.run(3 * S)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from typing import Any, Callable, List, Tuple
+from typing import Any, Callable, Iterable, List, Optional, Tuple
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.link.wire import Wire
@@ -48,10 +48,18 @@ class Vehicle:
 
 
 class Channel:
-    """Carries packed messages both ways."""
+    """Carries packed messages both ways.
 
-    def __init__(self, client: Any, vehicle: Any, fate: Fate = good) -> None:
+    Args:
+        client: of ours.
+        vehicle: at the other end.
+        fate: of each message.
+        wanted: names of what the client is given, as by a `Connection`; None: all.
+    """
+
+    def __init__(self, client: Any, vehicle: Any, fate: Fate = good, wanted: Optional[Iterable[str]] = None) -> None:
         self.client, self.vehicle, self.fate = client, vehicle, fate
+        self._wanted = None if wanted is None else frozenset(wanted)
         self.sent: List[str] = []
         self._ours, self._theirs = Wire(1, 191), Wire(*TARGET)
         self._queue: List[Tuple[int, int, bool, bytes]] = []
@@ -80,12 +88,20 @@ class Channel:
                 self._deliver(data, to_vehicle=to_vehicle)
             self.t_ns = next_ns
             self.ours(self.client.wake(self.t_ns))
-            self._put(self._theirs, self.vehicle.wake(self.t_ns), to_vehicle=False)
+            self._say(self.vehicle.wake(self.t_ns))
+
+    def _say(self, messages: Any) -> None:
+        """Send what the client wants of the vehicle's messages; the others, two of three, have a fate as well."""
+        for message in messages:
+            if self._wanted is None or message.get_type() in self._wanted:
+                self._put(self._theirs, (message,), to_vehicle=False)
+            else:
+                self.fate()
 
     def _deliver(self, data: bytes, *, to_vehicle: bool) -> None:
         receiver = self._theirs if to_vehicle else self._ours
         for message in receiver.receive(data):
             if to_vehicle:
-                self._put(self._theirs, self.vehicle.take(self.t_ns, message), to_vehicle=False)
+                self._say(self.vehicle.take(self.t_ns, message))
             else:
                 self.ours(self.client.receive(self.t_ns, message))
