@@ -7,7 +7,7 @@ set -euo pipefail
 
 list=$1 folder=$2
 mkdir -p "$folder"
-while read -r sum address; do
+while read -r sum address || [ -n "$sum" ]; do # the last line may end with the file
     if [ -z "$sum" ] || [ "${sum:0:1}" = "#" ]; then
         continue
     fi

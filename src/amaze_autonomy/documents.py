@@ -18,10 +18,9 @@ from xml.sax.saxutils import escape
 from . import paths
 from .autopilot.vehicle.client import ASKED_FOR
 from .config import load_configuration
-from .config.document import Items, Scalar, Table
-from .config.errors import Place
 from .config.reference import DOCUMENTS as CONFIGURATION
 from .config.reference import group_reference, shipped_file
+from .config.schema import Group
 from .engine.commands import MESSAGES, AnswerKind
 from .engine.context import MISSION_MODE, MODES, SET_POINT_MODE, without_others
 from .engine.decide import ANSWERS, OTHERWISE, SELECT
@@ -39,7 +38,7 @@ from .simulation import Subject
 from .simulation.scenario import EVENTS, KINDS, FaultKind, Parameter
 from .simulation.scenario_file import load_scenario
 from .tester.expect import EXPECTATIONS, ExpectationKind
-from .tester.scenario.model import schema_of
+from .tester.scenario.model import IN_EVERY, SOURCES, SourceKind
 
 _BEGIN, _END = "<!-- generated:", "<!-- end -->"
 _MARKED = re.compile(
@@ -326,11 +325,18 @@ def _faults() -> str:
     return "\n".join(parts)
 
 
+_OF_A_SOURCE = {
+    SourceKind.BAGS: "with `bags`",
+    SourceKind.JOURNAL: "with `journal`",
+    SourceKind.EVENTS: "with `events`",
+    SourceKind.SIMULATION: "with none of them: a simulated flight",
+}
+
+
 def _scenario() -> str:
-    """Return the keys of a scenario on bags, which has the most."""
-    place = Place("")
-    tree = Table(place, {"bags": (place, Items(place, (Scalar(place, "", "str"),)))})
-    return group_reference(schema_of(tree))
+    """Return the keys of a scenario: those of every one, then those of each source of events."""
+    parts = [f"### Keys {_OF_A_SOURCE[kind]}\n\n{group_reference(Group(kind, keys))}" for kind, keys in SOURCES.items()]
+    return "\n".join((f"### Keys of every scenario\n\n{group_reference(Group('', IN_EVERY))}", *parts))
 
 
 def _topic_map() -> str:

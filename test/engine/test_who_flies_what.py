@@ -153,6 +153,32 @@ def test_fly_here_of_a_ground_station_is_somebody_elses_where_a_mission_of_the_a
     assert story.motions == []
 
 
+# --- a planner of somebody else (docs/integrator.md: flight modes, phases in the air) ---------------------------------
+
+
+@pytest.mark.parametrize(
+    "phase, mode", [("FLYING", "AUTO.LOITER"), ("FLYING", "AUTO.LAND"), ("FLYING", "AUTO.RTL"), ("LANDING", "AUTO.RTL")]
+)
+def test_a_mission_that_ends_in_a_hold_or_in_a_landing_that_the_planner_does_not_tell_is_a_pilots(phase, mode):
+    story = in_mission()
+    story.vehicle.mode = "AUTO.MISSION"
+    story.after(1.5)
+    story.planner.phase = ev.MissionPhase[phase]
+    story.vehicle.mode = mode
+    story.after(1.0).expect("PILOT").fail("imu", 16).after(1.0)
+    assert story.motions == []
+
+
+@pytest.mark.parametrize("phase", ["HOLDING", "IDLE", "LOADED", "LANDED"])
+def test_a_planner_that_leads_nothing_in_the_air_is_landed_for_and_a_wait_at_a_waypoint_is_flying(phase):
+    story = in_mission()
+    story.vehicle.mode = "AUTO.MISSION"
+    story.say(horizontal_speed_m_s=0.0).after(5.0).expect("MISSION", "flying")
+    story.planner.phase = ev.MissionPhase[phase]
+    story.after(story.rules.limits.planner_idle_limit_ns / 10**9 + 0.5)
+    assert story.place[0] == "LAND"
+
+
 # --- a mission behind the pilot ---------------------------------------------------------------------------------------
 
 

@@ -128,3 +128,13 @@ def test_a_recording_that_was_damaged_where_it_is_kept_is_fetched_again(team):
     (team / "recordings").mkdir()
     (team / "recordings" / "flight.bag").write_bytes(b"half")
     assert run(team, gitlab)[0] == 0
+
+
+@pytest.mark.parametrize("end", ["\n", ""], ids=["with an end of line", "without one"])
+def test_the_last_line_of_a_list_is_fetched_too(tmp_path, end):
+    (tmp_path / "flight.bag").write_bytes(b"a flight")
+    total = hashlib.sha256(b"a flight").hexdigest()
+    (tmp_path / "list").write_text(f"# one\n{total}  file://{tmp_path}/flight.bag{end}")
+    script = [str(RECIPES / "fetch_recordings.sh"), "list", "bags"]
+    done = subprocess.run(["bash", *script], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, (tmp_path / "bags" / "flight.bag").read_bytes()) == (0, b"a flight")

@@ -335,7 +335,8 @@ _EVENTS = (
     Key("events", ListOf(Text("an event, as a line of a journal", longest=20_000), "events", 1), "to be decided"),
     Key("checks", ListOf(_CHECK, "checks", 1), "those that there were when the events were written", "", None),
 )
-_SOURCES: Mapping[str, Tuple[Key, ...]] = {
+IN_EVERY = (*_HEAD, *_TAIL)
+SOURCES: Mapping[str, Tuple[Key, ...]] = {
     SourceKind.BAGS: _BAGS,
     SourceKind.JOURNAL: _JOURNAL,
     SourceKind.EVENTS: _EVENTS,
@@ -349,4 +350,4 @@ def schema_of(tree: Entry) -> Group:
     given: List[str] = [kind for kind in (SourceKind.BAGS, SourceKind.JOURNAL, SourceKind.EVENTS) if kind in entries]
     if len(given) > 1:
         refuse(tree, (), f"has both {given[0]} and {given[1]}", "must have one of them, or neither: a simulation")
-    return Group("a scenario", (*_HEAD, *_SOURCES[given[0] if given else SourceKind.SIMULATION], *_TAIL))
+    return Group("a scenario", (*_HEAD, *SOURCES[given[0] if given else SourceKind.SIMULATION], *_TAIL))
