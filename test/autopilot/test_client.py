@@ -158,6 +158,12 @@ def test_a_parameter_that_differs_is_a_warning_with_both_values():
     assert found["parameters"] == ("warn", "COM_LOW_BAT_ACT is 0, should be 3; not read: NO_SUCH")
 
 
+def test_where_no_parameter_is_named_nothing_was_compared_and_that_is_said():
+    settings = AutopilotSettings(ardupilot_parameters={"FS_THR_ENABLE": 1})
+    found = rows(ClientBench(settings=settings).advance(5.0))
+    assert found["parameters"] == ("warn", "none of a PX4 is named in autopilot.yaml: nothing was compared")
+
+
 def test_a_range_finder_that_disagrees_fails_and_a_silent_one_is_warned_of():
     bench = ClientBench().advance(5.0)
     assert rows(bench, Landed.AIRBORNE)["landed state"][0] == "fail"

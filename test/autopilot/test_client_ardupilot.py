@@ -52,7 +52,7 @@ def test_it_streams_nothing_until_asked_and_all_once_asked():
     assert (status.armed, status.landed.name, status.mode) == (False, "ON_GROUND", "STABILIZED")
     assert abs(status.height_m) < 0.3
     assert heard.vehicle.health(heard.t_ns) == dict.fromkeys(("gps", "imu", "magnetometer", "barometer"), True)
-    assert bad(heard) == {}
+    assert list(bad(heard)) == ["parameters"]  # none is named
 
 
 class Older(ArduPilot):
@@ -156,6 +156,12 @@ def test_parameters_come_as_floats_of_their_values():
     )
     asked = bench(settings=settings).advance(5.0)
     assert bad(asked) == {"parameters": ("warn", "BATT_LOW_VOLT is 10.5, should be 11")}
+
+
+def test_where_only_px4_s_parameters_are_named_nothing_was_compared_and_that_is_said():
+    asked = bench(settings=AutopilotSettings(parameters={"COM_LOW_BAT_ACT": 3})).advance(5.0)
+    words = "none of an ArduPilot is named in autopilot.yaml: nothing was compared"
+    assert bad(asked) == {"parameters": ("warn", words)}
 
 
 def test_px4_s_parameters_are_not_its_own_and_that_is_said():

@@ -101,6 +101,8 @@ def test_every_line_is_translated_has_no_counterpart_or_is_assumed(folder, tmp_p
         "recording.yaml: one computer records the 5 topics that are watched, what our nodes say, and what mavros does",
         "autonomy.yaml: limits that its nodes need (a heartbeat of 0.5 Hz, a supervisor that answers after 10 s)",
         "autopilot.yaml: the vehicle is reached through mavros",
+        "autopilot.yaml: before a takeoff parameters of the autopilot's failsafes are compared with the values that "
+        "ship: compare them with what you want of your vehicle",
     ]
 
 
@@ -254,6 +256,12 @@ def test_an_estimator_that_is_initialised_is_asked_for(folder, tmp_path):
         "(/ESTIMATOR/init_service) as initialisation.service, with initialisation.type: set_bool"
     )
     assert load_configuration(tmp_path / "config").initialisation.service == ""
+
+
+def test_the_import_compares_the_parameters_that_both_samples_do(imported):
+    written, mavros = (load_configuration(each).autopilot for each in (imported.folder, SAMPLES / "mavros"))
+    assert written == mavros
+    assert all((written.parameters, written.ardupilot_parameters, written.offboard_parameters))
 
 
 def test_the_import_records_what_both_samples_do_besides_sensors(folder, tmp_path):

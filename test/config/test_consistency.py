@@ -457,6 +457,25 @@ def test_a_second_takeoff_that_may_be_refused_for_a_good_landing_is_said(home_to
     assert bool(lines) is says, "what ships means what it says"
 
 
+@pytest.mark.parametrize(
+    "overrides, says",
+    [
+        (("missions.missions.1.controller=mission",), False),
+        (("missions.missions.1.controller=offboard",), True),
+        (("missions.missions.1.controller=offboard", "autopilot.parameters.COM_OBL_RC_ACT=4"), False),
+        (("missions.missions.1.controller=offboard", "autopilot.offboard_parameters.COM_OBL_RC_ACT=4"), False),
+        (("missions.missions.1.controller=offboard", "autopilot.offboard_parameters.COM_OF_LOSS_T=1.0"), True),
+    ],
+)
+def test_set_points_whose_loss_nobody_looks_at_are_said(small, overrides, says):
+    found = contradictions(load_configuration(small, overrides).effective)
+    assert [line for line in found if "set-points" in line] == says * [
+        "missions.yaml: mission 1 is flown by set-points, and COM_OBL_RC_ACT is compared in neither "
+        "offboard_parameters nor parameters of autopilot.yaml: a PX4 does what it happens to be set to when they stop, "
+        "in flight; add `offboard_parameters: {COM_OBL_RC_ACT: 4}` (4 is to land)"
+    ]
+
+
 MAVROS = """\
   imu:
     group: px4

@@ -12,6 +12,7 @@ from amaze_autonomy.config import FILES, Streams, load_configuration
 from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
 from amaze_autonomy.config.kinds import unit_words
 from amaze_autonomy.config.schema import Group
+from amaze_autonomy.config.shipped import compared_parameters
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.state import Result
 from amaze_autonomy.interface import STATUSES
@@ -162,6 +163,16 @@ def test_the_comments_in_the_files_say_what_the_schema_says(file, name):
 def test_every_vehicle_that_ships_can_be_flown(path):
     told = yaml.safe_load(path.read_text())
     assert load_configuration(FOLDER, [f"vehicle={path.stem}"]).battery.cells == told["sensors.battery.cells"]
+
+
+def test_the_sample_for_a_stack_over_mavros_compares_what_the_other_does():
+    text = (FOLDER / "mavros" / "autopilot.yaml").read_text(encoding="utf-8")
+    assert text.endswith(f"\n\n{compared_parameters()}")
+    shipped, mavros = (yaml.safe_load((each / "autopilot.yaml").read_text()) for each in (FOLDER, FOLDER / "mavros"))
+    lists = {name: values for name, values in shipped.items() if name.endswith("parameters")}
+    assert {name: mavros[name] for name in lists} == lists
+    assert (len(lists), lists["offboard_parameters"]["COM_OBL_RC_ACT"]) == (3, 4)
+    assert yaml.safe_load(compared_parameters()) == lists
 
 
 def test_the_sample_for_a_stack_over_mavros_is_whole_and_flies():

@@ -14,6 +14,7 @@ from typing import Any, Dict, List, Mapping, Set, Tuple
 
 import yaml
 
+from amaze_autonomy.config.shipped import COMPARED, compared_parameters
 from amaze_autonomy.engine.rules import Severity
 from amaze_autonomy.missions.csv_table import YAW_COLUMNS, Frame, Said, YawUnit, lines_of, said_in, yaw_unit_of
 from amaze_autonomy.missions.errors import WaypointError
@@ -63,7 +64,7 @@ failsafe:
   # seconds: cns_peers may be started again in flight; that its sequencer is gone it says at once
   planner_status_limit_s: 5.0
 """
-_AUTOPILOT = "# Its stack flies through mavros. Everything else: docs/configuration.md\nbackend: mavros\n"
+_AUTOPILOT = "# Its stack flies through mavros. Everything else: docs/configuration.md\nbackend: mavros\n\n"
 
 
 def import_folder(folder: Path, output: Path) -> Report:
@@ -100,11 +101,12 @@ def import_folder(folder: Path, output: Path) -> Report:
         "sensors": yaml.safe_dump({"components": components.rows, **checked}, sort_keys=False),
         "recording": yaml.safe_dump(_recording(components.rows, checked, report), sort_keys=False),
         "autonomy": _AUTONOMY,
-        "autopilot": _AUTOPILOT,
+        "autopilot": _AUTOPILOT + compared_parameters(),
     }
     report.assumed += [
         "autonomy.yaml: limits that its nodes need (a heartbeat of 0.5 Hz, a supervisor that answers after 10 s)",
         "autopilot.yaml: the vehicle is reached through mavros",
+        COMPARED,
     ]
     with whole_folder(output) as part:
         for name, text in texts.items():

@@ -255,6 +255,7 @@ _MOST_PERIODS = 100
 _ALIKE = 0.85
 _MAVROS = re.compile(r"(.*/mavros)/.+")
 _SHOWN = 7
+_STREAM_LOST = "COM_OBL_RC_ACT"  # what PX4 does when set-points stop
 _LANDING_M = 2.0  # so far beside the last waypoint a good landing may end
 
 
@@ -276,6 +277,7 @@ def contradictions(effective: Mapping[str, Any]) -> List[str]:
         *_mavros_elsewhere(effective["autopilot"], sensors, recording),
         *_loaded_too_soon(effective["autonomy"]),
         *_loaded_nowhere(effective["missions"]),
+        *_left_to_chance(effective["autopilot"], effective["missions"]),
     ]
 
 
@@ -376,6 +378,20 @@ def _loaded_nowhere(missions: Mapping[str, Any]) -> Iterator[str]:
             f"missions.yaml: planner.home_tolerance_m is {tolerance_m:g}, and mission {several[0]} takes off more than "
             "once: a later file is loaded only so near to where the one before ends, and a landing may be "
             f"{needed_m:g} m off"
+        )
+
+
+def _left_to_chance(autopilot: Mapping[str, Any], missions: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a line where set-points may stop in flight and nobody has looked what the autopilot does then."""
+    compared = {**autopilot["parameters"], **autopilot["offboard_parameters"]}
+    by_setpoints = [
+        name for name, each in missions["missions"].items() if each["controller"] == Controller.OFFBOARD.value
+    ]
+    if by_setpoints and _STREAM_LOST not in compared:
+        yield (
+            f"missions.yaml: mission {by_setpoints[0]} is flown by set-points, and {_STREAM_LOST} is compared in "
+            "neither offboard_parameters nor parameters of autopilot.yaml: a PX4 does what it happens to be set to "
+            f"when they stop, in flight; add `offboard_parameters: {{{_STREAM_LOST}: 4}}` (4 is to land)"
         )
 
 

@@ -15,6 +15,8 @@ from amaze_autonomy.config import load_configuration
 from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
 from amaze_autonomy.replay.maps.topic_map import load_map
 
+COMPARED = ("parameters", "ardupilot_parameters", "offboard_parameters")
+
 
 def proposed(capsys, tmp_path, *bags):
     """Return the exit status, what was printed, and the folder."""
@@ -56,8 +58,23 @@ def test_what_comes_over_mavros_is_of_the_autopilot_and_flown_through_it(capsys,
         "/mavros/local_position/pose",
         "pose",
     )
-    assert yaml.safe_load((folder / "autopilot.yaml").read_text()) == {"backend": "mavros"}
+    vehicle = yaml.safe_load((folder / "autopilot.yaml").read_text())
+    assert {name: value for name, value in vehicle.items() if name not in COMPARED} == {"backend": "mavros"}
     assert "landing_detection: no range finder" in said
+
+
+def test_failsafe_parameters_are_compared_with_those_that_ship_and_that_is_assumed(capsys, tmp_path, flight_bag):
+    status, said, folder = proposed(capsys, tmp_path, flight_bag)
+    assert status == 0, said
+    shipped = yaml.safe_load((paths.config_folder() / "autopilot.yaml").read_text())
+    written = yaml.safe_load((folder / "autopilot.yaml").read_text())
+    assert [written[name] for name in COMPARED] == [shipped[name] for name in COMPARED]
+    assert "  # what PX4 does by itself about a low battery" in (folder / "autopilot.yaml").read_text()
+    (line,) = [line for line in (folder / "propose.txt").read_text().splitlines() if "parameters" in line]
+    assert line == (
+        "autopilot.yaml: before a takeoff parameters of the autopilot's failsafes are compared with the values that "
+        "ship: compare them with what you want of your vehicle"
+    )
 
 
 def images(tmp_path, *topics):

@@ -33,6 +33,7 @@ _SILENT = (
     "one that fell silent in flight when the autopilot was switched off"
 )
 _NO_BEAT = "the vehicle is heard, but its last heartbeat is too old to say it: look at the rate and losses of its link"
+_NOTHING = "none of {} is named in autopilot.yaml: nothing was compared"
 _OTHER_NAMES = "this ArduPilot knows none of ardupilot_parameters in autopilot.yaml (docs/autopilot.md)"
 
 
@@ -191,7 +192,9 @@ def _parameters(known: Preflight) -> Check:
     wrong = [one.difference for one in states if one.agrees is False]
     unread = [one.name for one in states if one.agrees is None]
     words = wrong + ([f"not read: {', '.join(unread)}"] if unread else [])
-    if unread and len(unread) == len(states) and _is_ardupilot(known):
+    if not states:
+        words = [_NOTHING.format("an ArduPilot" if _is_ardupilot(known) else "a PX4")]
+    elif len(unread) == len(states) and _is_ardupilot(known):
         words = [_OTHER_NAMES]
     return _row(known, "parameters", "; ".join(words), good=not words, needed=False)
 

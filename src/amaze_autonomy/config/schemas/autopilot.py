@@ -261,7 +261,7 @@ AUTOPILOT = Group(
         Key(
             "parameters",
             Named("parameters of the autopilot", r"[A-Z][A-Z0-9_]{0,15}", _PARAMETER),
-            "parameters that are read and compared before a takeoff; one that differs is a warning",
+            "parameters that are read and compared before a takeoff; one that differs is a warning, and that none is named",
             "failsafes that somebody changed",
             {},
         ),
@@ -276,7 +276,7 @@ AUTOPILOT = Group(
             "offboard_parameters",
             Named("parameters of the autopilot", r"[A-Z][A-Z0-9_]{0,15}", _PARAMETER),
             "the same, when one of the missions is flown by set-points (controller: offboard)",
-            "what the autopilot does when the stream stops is never left to chance",
+            "what the autopilot does when the stream stops is not left to chance: check-config warns where COM_OBL_RC_ACT is not compared",
             {},
         ),
     ),

@@ -13,6 +13,7 @@ from typing import Any, Dict, List, Mapping, Tuple
 import yaml
 
 from amaze_autonomy import paths
+from amaze_autonomy.config.shipped import COMPARED, compared_parameters
 from amaze_autonomy.whole_file import is_unused, whole_folder
 
 from ..errors import ReplayError
@@ -97,7 +98,7 @@ class _Maker:
             )
         sensors = {"components": components, "landing_detection": self._landing(), **self._states()}
         vehicle = "through mavros" if self._mavros else "over MAVLink; its address is in autopilot.yaml"
-        self.assumed.append(f"autopilot.yaml: the vehicle is reached {vehicle}")
+        self.assumed += [f"autopilot.yaml: the vehicle is reached {vehicle}", COMPARED]
         self.assumed.append("missions.yaml: one short mission to begin with, up, once around, down")
         return {
             "sensors.yaml": _written(sensors),
@@ -109,9 +110,14 @@ class _Maker:
                 }
             ),
             "autonomy.yaml": _written({"takeoff": {"load_limit_s": 35.0}} if self._mavros else {}),
-            "autopilot.yaml": _written({"backend": "mavros"} if self._mavros else {}),
+            "autopilot.yaml": self._vehicle(),
             "map.yaml": self._text,
         }
+
+    def _vehicle(self) -> str:
+        """Return autopilot.yaml."""
+        reached = yaml.safe_dump({"backend": "mavros"}) if self._mavros else ""
+        return f"{_HEAD}{reached}\n{compared_parameters()}"
 
     def _component(self, name: str, row: Mapping[str, Any]) -> Dict[str, Any]:
         topic = str(row["topic"])
