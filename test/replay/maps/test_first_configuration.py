@@ -63,6 +63,50 @@ def test_what_comes_over_mavros_is_of_the_autopilot_and_flown_through_it(capsys,
     assert "landing_detection: no range finder" in said
 
 
+def poses(*topics):
+    """Return rows of poses at rest, 30 a second: of each topic its height, and 0 where its orientation is none."""
+    times = range(START_NS, START_NS + 5 * S, S // 30)
+    return [(t, topic, _pose(t, *height_m)) for t in times for topic, *height_m in topics]
+
+
+ESTIMATE, COMMAND = ("/mavros/local_position/pose", 0.0), ("/command/pose", 2.0)
+
+
+@pytest.mark.parametrize("topics", [(ESTIMATE,), (COMMAND, ESTIMATE), (("/a/pose", 0.0, 0.0), ESTIMATE)])
+def test_without_a_range_finder_the_height_is_that_of_the_estimate(capsys, tmp_path, topics):
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", with_imu(poses(*topics))))
+    assert status == 0, said
+    landing = load_configuration(folder).effective["sensors"]["landing_detection"]
+    assert (landing["topic"], landing["source"]) == ("/mavros/local_position/pose", "pose")
+    assert "landing_detection: no range finder; the height of /mavros/local_position/pose, 0 on the ground\n" in said
+
+
+def test_beside_an_odometry_of_mavros_its_pose_is_the_height(capsys, tmp_path):
+    odometry = [(t, "/mavros/local_position/odom", _odometry(t)) for t in range(START_NS, START_NS + 5 * S, S // 30)]
+    bag = write_bag(tmp_path / "x.bag", with_imu([*odometry, *poses(COMMAND, ESTIMATE)]))
+    status, said, folder = proposed(capsys, tmp_path, bag)
+    assert status == 0, said
+    sensors = load_configuration(folder).effective["sensors"]
+    assert sensors["state_estimation"]["topic"] == "/mavros/local_position/odom"
+    assert sensors["landing_detection"]["topic"] == "/mavros/local_position/pose"
+
+
+@pytest.mark.parametrize(
+    "topics, named",
+    [
+        ((COMMAND,), "/command/pose"),
+        ((COMMAND, ("/a/target", 0.0)), "/a/target or /command/pose"),
+        ((("/a/pose", 0.0, 0.0),), "/a/pose"),
+    ],
+)
+def test_a_pose_that_nothing_says_is_the_vehicle_s_is_no_height_above_ground(capsys, tmp_path, topics, named):
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", with_imu(poses(*topics))))
+    assert status == 0, said
+    assert yaml.safe_load((folder / "sensors.yaml").read_text())["landing_detection"] == {}
+    words = "and nothing says that it is the vehicle's, 0 on the ground: name its topic"
+    assert f"landing_detection: no range finder; a height is in {named}, {words}\n" in said
+
+
 def test_failsafe_parameters_are_compared_with_those_that_ship_and_that_is_assumed(capsys, tmp_path, flight_bag):
     status, said, folder = proposed(capsys, tmp_path, flight_bag)
     assert status == 0, said
@@ -221,11 +265,26 @@ def test_what_check_config_warns_of_is_said_at_once(capsys, tmp_path):
     )
 
 
-def _pose(t_ns):
-    position = make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0)
-    orientation = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    pose = make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
-    return make("geometry_msgs/msg/PoseStamped", header=header(t_ns), pose=pose)
+def _pose(t_ns, height_m=0.0, w=1.0):
+    return make("geometry_msgs/msg/PoseStamped", header=header(t_ns), pose=_place(height_m, w))
+
+
+def _place(height_m=0.0, w=1.0):
+    position = make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=height_m)
+    orientation = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=w)
+    return make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
+
+
+def _odometry(t_ns):
+    still, zeros = make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0), np.zeros(36)
+    twist = make("geometry_msgs/msg/Twist", linear=still, angular=still)
+    return make(
+        "nav_msgs/msg/Odometry",
+        header=header(t_ns),
+        child_frame_id="base_link",
+        pose=make("geometry_msgs/msg/PoseWithCovariance", pose=_place(), covariance=zeros),
+        twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=zeros),
+    )
 
 
 def test_a_recording_without_a_sensor_is_no_configuration(capsys, tmp_path):

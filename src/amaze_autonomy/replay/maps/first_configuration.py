@@ -8,7 +8,7 @@ Missions and limits are those of a careful beginning. It is meant to be looked a
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 import yaml
 
@@ -39,6 +39,7 @@ _HOP = "trajectories/hop.csv"
 _WAITS_S = 10.0
 _SEVERITY = "moderate"  # of what the decision table that ships does not know
 _RANGES: Mapping[str, str] = {"sensor_msgs/Range": "range", "sensor_msgs/LaserScan": "scan"}
+_POSE, _MAVROS_POSE = "geometry_msgs/PoseStamped", "/mavros/local_position/pose"
 _CAMERAS = ("sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/PointCloud2")
 _TOPIC_KEYS = ("rate_hz", "age_limit_s", "tolerance_fraction", "rate_failed_fraction")
 
@@ -147,9 +148,14 @@ class _Maker:
             self.assumed.append(f"landing_detection: {reading['topic']}; measure mounting_height_m")
             scale = {"scale": reading["scale"]} if "scale" in reading else {}
             return {"topic": reading["topic"], "source": source, **scale, **(self._map.get("landing") or {})}
-        pose = next((name for name, kind in sorted(self._kinds.items()) if kind == "geometry_msgs/PoseStamped"), None)
+        pose = self._own_pose()
         if pose is None:
-            self.assumed.append("landing_detection: nothing that was seen looks at the ground: name its topic")
+            others = " or ".join(name for name, kind in sorted(self._kinds.items()) if kind == _POSE)
+            unsure = (
+                f"no range finder; a height is in {others}, and nothing says that it is the vehicle's, 0 on the ground"
+            )
+            nothing = "nothing that was seen looks at the ground"
+            self.assumed.append(f"landing_detection: {unsure if others else nothing}: name its topic")
             return {}
         self.assumed.append(f"landing_detection: no range finder; the height of {pose}, 0 on the ground")
         return {
@@ -159,6 +165,12 @@ class _Maker:
             "ground_distance_m": 0.4,
             "airborne_distance_m": 0.7,
         }
+
+    def _own_pose(self) -> Optional[str]:
+        """Return the topic of a pose that is the vehicle's own; of a command 0 is wherever the vehicle is."""
+        readings = (self._reading(name) for name in ("height", "estimate"))
+        own = [str(reading["topic"]) for reading in readings if reading is not None]
+        return next((name for name in (*own, _MAVROS_POSE) if self._kinds.get(name) == _POSE), None)
 
     def _states(self) -> Dict[str, Any]:
         estimate, imu = (self._reading(name) for name in ("estimate", "imu"))
