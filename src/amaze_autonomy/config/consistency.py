@@ -253,7 +253,7 @@ def taken_in_place(recording: Recording) -> List[str]:
 _STATE_TOPICS = ("topic", "imu_topic")
 _MOST_PERIODS = 100
 _ALIKE = 0.85
-_MAVROS = re.compile(r"(.*/mavros)/.+")
+MAVROS_TOPIC = re.compile(r"(.*/mavros)/.+")
 _SHOWN = 7
 _STREAM_LOST = "COM_OBL_RC_ACT"  # what PX4 does when set-points stop
 _LANDING_M = 2.0  # so far beside the last waypoint a good landing may end
@@ -349,7 +349,7 @@ def _mavros_elsewhere(
     autopilot: Mapping[str, Any], sensors: Mapping[str, Any], recording: Mapping[str, Any]
 ) -> Iterator[str]:
     recorded = (topic for group in recording["groups"].values() for topic in group["topics"])
-    found = ((topic, _MAVROS.fullmatch(topic)) for topic in sorted({*_known(sensors), *recorded}))
+    found = ((topic, MAVROS_TOPIC.fullmatch(topic)) for topic in sorted({*_known(sensors), *recorded}))
     others = [topic for topic, match in found if match is not None and match[1] != autopilot["mavros"]]
     if autopilot["backend"] == "mavros" and others:
         yield (

@@ -11,7 +11,7 @@ import yaml
 from replay_bags import START_NS, S, distance, header, imu, magnetic, make, write_bag
 
 from amaze_autonomy import cli, paths, whole_file
-from amaze_autonomy.config import load_configuration
+from amaze_autonomy.config import AutopilotSettings, load_configuration
 from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
 from amaze_autonomy.replay.maps.topic_map import load_map
 
@@ -45,22 +45,51 @@ def test_a_flight_becomes_a_configuration_without_contradictions(capsys, tmp_pat
     assert "lrf: /range" in said
 
 
-def test_what_comes_over_mavros_is_of_the_autopilot_and_flown_through_it(capsys, tmp_path):
-    pose = [(t, "/mavros/local_position/pose", _pose(t)) for t in range(START_NS, START_NS + 5 * S, S // 30)]
-    raw = [(t, "/mavros/imu/data_raw", imu(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
-    mag = [(t, "/mavros/imu/mag", magnetic(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
-    bag = write_bag(tmp_path / "mavros.bag", sorted((*pose, *raw, *mag), key=lambda row: row[0]))
-    status, said, folder = proposed(capsys, tmp_path, bag)
+@pytest.mark.parametrize("at", ["/mavros", "/uav1/mavros"])
+def test_what_comes_over_mavros_is_of_the_autopilot_and_flown_through_it(capsys, tmp_path, at):
+    raw = [(t, f"{at}/imu/data_raw", imu(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
+    mag = [(t, f"{at}/imu/mag", magnetic(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
+    rows = sorted((*poses((f"{at}/local_position/pose", 0.0)), *raw, *mag), key=lambda row: row[0])
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", rows))
     assert status == 0, said
     sensors = yaml.safe_load((folder / "sensors.yaml").read_text())
     assert {name: row["group"] for name, row in sensors["components"].items()} == {"imu": "px4", "magnetometer": "px4"}
+    assert [row for row in sensors["components"].values() if "restart" in row] == []
     assert (sensors["landing_detection"]["topic"], sensors["landing_detection"]["source"]) == (
-        "/mavros/local_position/pose",
+        f"{at}/local_position/pose",
         "pose",
     )
-    vehicle = yaml.safe_load((folder / "autopilot.yaml").read_text())
-    assert {name: value for name, value in vehicle.items() if name not in COMPARED} == {"backend": "mavros"}
+    assert reached(folder) == {"backend": "mavros", "mavros": at}
     assert "landing_detection: no range finder" in said
+    assert f"autopilot.yaml: the vehicle is reached through mavros at {at}\n" in said
+    assert [line for line in said.splitlines() if "says that mavros is at" in line] == []
+
+
+def reached(folder):
+    """Return what autopilot.yaml says but for the parameters that are compared."""
+    vehicle = yaml.safe_load((folder / "autopilot.yaml").read_text())
+    return {name: value for name, value in vehicle.items() if name not in COMPARED}
+
+
+def test_of_two_vehicles_behind_mavros_one_is_taken_and_both_are_named(capsys, tmp_path):
+    more = [(t, "/uav2/mavros/imu/data_raw", imu(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
+    one, other = (f"/uav{number}/mavros/local_position/pose" for number in (1, 2))
+    bag = write_bag(tmp_path / "x.bag", sorted((*poses((one, 0.0), (other, 0.0)), *more), key=lambda row: row[0]))
+    status, said, folder = proposed(capsys, tmp_path, bag)
+    assert status == 0, said
+    assert reached(folder) == {"backend": "mavros", "mavros": "/uav2/mavros"}
+    words = "through mavros at /uav2/mavros; seen was /uav1/mavros, too: is it the right one?"
+    assert f"autopilot.yaml: the vehicle is reached {words}\n" in said
+
+
+def test_without_mavros_the_vehicle_is_reached_over_mavlink_where_the_file_says(capsys, tmp_path, flight_bag):
+    status, said, folder = proposed(capsys, tmp_path, flight_bag)
+    assert status == 0, said
+    urls = ("udpin:127.0.0.1:14540", "udpin:127.0.0.1:14541")
+    assert reached(folder) == {name: {"url": url} for name, url in zip(("link", "planner_link"), urls)}
+    assert load_configuration(folder).autopilot.link == AutopilotSettings().link
+    words = "over MAVLink; its address is in autopilot.yaml, link.url and planner_link.url"
+    assert f"autopilot.yaml: the vehicle is reached {words}\n" in said
 
 
 def poses(*topics):

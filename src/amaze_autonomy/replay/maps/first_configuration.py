@@ -7,12 +7,15 @@ Missions and limits are those of a careful beginning. It is meant to be looked a
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 import yaml
 
 from amaze_autonomy import paths
+from amaze_autonomy.config.consistency import MAVROS_TOPIC
+from amaze_autonomy.config.schemas.autopilot import LinkSettings, PlannerLinkSettings
 from amaze_autonomy.config.shipped import COMPARED, compared_parameters
 from amaze_autonomy.whole_file import is_unused, whole_folder
 
@@ -33,13 +36,13 @@ _OURS = (
     "/rosout",
 )
 _PX4 = ("gps", "imu", "magnetometer", "barometer")
-_VEHICLE = ("/mavros/", "/px4/", "/mavlink/", "/fmu/")
+_VEHICLE = ("/px4/", "/mavlink/", "/fmu/")  # besides mavros
 _NO_TOPICS = "/mavlink/"  # messages of a telemetry log
 _HOP = "trajectories/hop.csv"
 _WAITS_S = 10.0
 _SEVERITY = "moderate"  # of what the decision table that ships does not know
 _RANGES: Mapping[str, str] = {"sensor_msgs/Range": "range", "sensor_msgs/LaserScan": "scan"}
-_POSE, _MAVROS_POSE = "geometry_msgs/PoseStamped", "/mavros/local_position/pose"
+_POSE = "geometry_msgs/PoseStamped"
 _CAMERAS = ("sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/PointCloud2")
 _TOPIC_KEYS = ("rate_hz", "age_limit_s", "tolerance_fraction", "rate_failed_fraction")
 
@@ -81,7 +84,9 @@ class _Maker:
         self._is_mavlink = len(self._kinds) < len(proposal.kinds) and not others
         self._readings: Mapping[str, Any] = found.get("readings") or {}
         self._table: Mapping[str, Any] = _decision_table()
-        self._mavros = any(topic.startswith("/mavros/") for topic in self._kinds)
+        matches = (MAVROS_TOPIC.fullmatch(topic) for topic in sorted(self._kinds))
+        several = Counter(match[1] for match in matches if match is not None).most_common()
+        self._mavros, *self._other_mavros = [name for name, _ in several] or [""]
         self.assumed: List[str] = [f"found: {line}" for line in proposal.found]
 
     def texts(self) -> Dict[str, str]:
@@ -98,8 +103,7 @@ class _Maker:
                 "no sensor was seen that keeps a rate: let the drivers run, and record or look for ten seconds"
             )
         sensors = {"components": components, "landing_detection": self._landing(), **self._states()}
-        vehicle = "through mavros" if self._mavros else "over MAVLink; its address is in autopilot.yaml"
-        self.assumed += [f"autopilot.yaml: the vehicle is reached {vehicle}", COMPARED]
+        self.assumed += [f"autopilot.yaml: the vehicle is reached {self._way()}", COMPARED]
         self.assumed.append("missions.yaml: one short mission to begin with, up, once around, down")
         return {
             "sensors.yaml": _written(sensors),
@@ -117,15 +121,24 @@ class _Maker:
 
     def _vehicle(self) -> str:
         """Return autopilot.yaml."""
-        reached = yaml.safe_dump({"backend": "mavros"}) if self._mavros else ""
-        return f"{_HEAD}{reached}\n{compared_parameters()}"
+        links = {"link": {"url": LinkSettings().url}, "planner_link": {"url": PlannerLinkSettings().url}}
+        through_mavros = {"backend": "mavros", "mavros": self._mavros}
+        return f"{_written(through_mavros if self._mavros else links)}\n{compared_parameters()}"
+
+    def _way(self) -> str:
+        """Return how the vehicle is reached, in words."""
+        if not self._mavros:
+            return "over MAVLink; its address is in autopilot.yaml, link.url and planner_link.url"
+        others = " and ".join(self._other_mavros)
+        which = f"; seen was {others}, too: is it the right one?" if others else ""
+        return f"through mavros at {self._mavros}{which}"
 
     def _component(self, name: str, row: Mapping[str, Any]) -> Dict[str, Any]:
         topic = str(row["topic"])
         known = _table_row(name, topic, self._table)
         found = self._table.get(known, {})
         severity = str(found.get("severity", _SEVERITY))
-        ours = name in _PX4 and topic.startswith(_VEHICLE)
+        ours = name in _PX4 and (topic.startswith(_VEHICLE) or MAVROS_TOPIC.fullmatch(topic) is not None)
         values: Dict[str, Any] = {"group": "px4" if ours else "other", "severity": severity}
         if severity in ("moderate", "high"):
             values["wait_limit_s"] = found.get("wait_limit_s", _WAITS_S)
@@ -170,7 +183,8 @@ class _Maker:
         """Return the topic of a pose that is the vehicle's own; of a command 0 is wherever the vehicle is."""
         readings = (self._reading(name) for name in ("height", "estimate"))
         own = [str(reading["topic"]) for reading in readings if reading is not None]
-        return next((name for name in (*own, _MAVROS_POSE) if self._kinds.get(name) == _POSE), None)
+        own += [f"{self._mavros}/local_position/pose"] if self._mavros else []
+        return next((name for name in own if self._kinds.get(name) == _POSE), None)
 
     def _states(self) -> Dict[str, Any]:
         estimate, imu = (self._reading(name) for name in ("estimate", "imu"))
