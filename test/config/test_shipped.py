@@ -11,8 +11,8 @@ from amaze_autonomy import paths
 from amaze_autonomy.config import FILES, Streams, load_configuration
 from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
 from amaze_autonomy.config.kinds import unit_words
+from amaze_autonomy.config.reference import compared_parameters
 from amaze_autonomy.config.schema import Group
-from amaze_autonomy.config.shipped import compared_parameters
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.state import Result
 from amaze_autonomy.interface import STATUSES

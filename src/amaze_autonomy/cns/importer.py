@@ -14,7 +14,7 @@ from typing import Any, Dict, List, Mapping, Set, Tuple
 
 import yaml
 
-from amaze_autonomy.config.shipped import COMPARED, compared_parameters
+from amaze_autonomy.config.reference import COMPARED, compared_parameters
 from amaze_autonomy.engine.rules import Severity
 from amaze_autonomy.missions.csv_table import YAW_COLUMNS, Frame, Said, YawUnit, lines_of, said_in, yaw_unit_of
 from amaze_autonomy.missions.errors import WaypointError

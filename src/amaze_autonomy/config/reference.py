@@ -6,6 +6,9 @@ import textwrap
 from functools import partial
 from typing import Any, Callable, Iterator, List, Mapping, Tuple
 
+import yaml
+
+from ..paths import config_folder
 from .consistency import LOSS_RATES, ORDER
 from .kinds import ListOf, unit_words
 from .loader import FILES
@@ -130,3 +133,24 @@ DOCUMENTS: Mapping[str, Callable[[], str]] = {
     "order-of-limits": order_reference,
 }
 """What docs/ shows of the configuration, by the name of its marker."""
+
+
+# --- what a configuration that is written for somebody takes from the one that ships, as it stands there --------------
+
+
+_COMPARED = ("parameters", "ardupilot_parameters", "offboard_parameters")
+COMPARED = (
+    "autopilot.yaml: before a takeoff parameters of the autopilot's failsafes are compared with the values that ship: "
+    "compare them with what you want of your vehicle"
+)
+
+
+def compared_parameters() -> str:
+    """Return the lists of parameters that are compared before a takeoff, with their comments.
+
+    Raises:
+        OSError: the file that ships cannot be read.
+    """
+    text = (config_folder() / "autopilot.yaml").read_text(encoding="utf-8")
+    paragraphs = (each.strip("\n") for each in text.split("\n\n"))
+    return "\n\n".join(each for each in paragraphs if (yaml.safe_load(each) or {}).keys() & set(_COMPARED)) + "\n"

@@ -15,8 +15,8 @@ import yaml
 
 from amaze_autonomy import paths
 from amaze_autonomy.config.consistency import MAVROS_TOPIC
+from amaze_autonomy.config.reference import COMPARED, compared_parameters
 from amaze_autonomy.config.schemas.autopilot import LinkSettings, PlannerLinkSettings
-from amaze_autonomy.config.shipped import COMPARED, compared_parameters
 from amaze_autonomy.whole_file import is_unused, whole_folder
 
 from ..errors import ReplayError
