@@ -21,7 +21,7 @@ GOOD = LinkState(True, "", 1, 5, (), (), 100, 0, 0, 0, 0, 0)
         ({"strangers": ("10.0.0.2:5",)}, "another vehicle says system id 1, from 10.0.0.2:5; it is ignored"),
         (
             {"strangers": ("mavros, where ours is, too",), "mixed": True},
-            "another vehicle says system id 1, from mavros, where ours is, too; it is taken for ours: give it another",
+            "another vehicle is heard (mavros, where ours is, too), and it is taken for ours: let mavros hear one",
         ),
         ({"doubles": 3}, "somebody else speaks with our own"),
         ({"others": (2,), "refused": 1}, ""),

@@ -650,12 +650,73 @@ def test_one_vehicle_behind_mavros_is_one_though_messages_are_lost(loses):
     assert set(strangers(Vehicle(Converter()), seconds=20, loses=loses)) - {None} == {()}
 
 
-def test_a_vehicle_of_another_id_and_what_is_damaged_is_nobody_of_ours():
+def test_a_vehicle_of_another_id_is_told_since_mavros_mixes_it_into_ours():
+    """Of all but heartbeats mavros looks at nobody's id: its landed state, battery and position come as ours."""
     converter = Converter()
-    assert set(strangers(Vehicle(converter), Vehicle(converter, first=120, boot_s=4000.0, system=2))) == {()}
+    ours = Vehicle(converter)
+    assert set(strangers(ours, Vehicle(converter, first=120, boot_s=4000.0, system=2))) == {("system 2, by mavros",)}
+    for number in range(600):
+        ours.say(18 + number / 50)
+    assert converter.strangers(30 * S) == ()  # it was switched off
+
+
+def test_one_of_another_id_is_told_also_while_nothing_of_ours_comes():
+    converter = Converter()
+    converter.note_sender(10 * S, received(mavlink.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3), system=7))
+    assert (converter.strangers(20 * S), converter.strangers(20 * S + 1)) == (("system 7, by mavros",), None)
+
+
+@pytest.mark.parametrize(
+    "kind, autopilot, component",
+    [(6, 8, 1), (6, 3, 1), (18, 8, 1), (2, 12, 191)],
+    ids=["ground station", "one that says an autopilot", "companion", "no autopilot's component"],
+)
+def test_ground_stations_and_companions_of_another_id_are_no_vehicles(kind, autopilot, component):
+    converter = Converter()
+    vehicle = Vehicle(converter)
+    beat = received(mavlink.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 4, 3), system=255)
+    for number in range(50):
+        vehicle.say(10 + number / 50)
+        converter.note_sender((10 + number // 50) * S, Said(**{**vars(beat), "compid": component}))
+    assert converter.strangers(11 * S) == ()
+
+
+def test_what_is_damaged_is_nobodys():
+    converter = Converter()
+    Vehicle(converter).say(19)
     for number in range(400):
-        converter.note_sender((20 + number // 50) * S, received(report(0), framing=2, sequence=number + 120))
+        t_ns = (20 + number // 50) * S
+        converter.note_sender(t_ns, received(report(0), framing=2, sequence=number + 120))
+        beat = mavlink.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3)
+        converter.note_sender(t_ns, received(beat, framing=2, system=2))
     assert converter.strangers(28 * S) == ()
+
+
+@pytest.mark.parametrize("system", [1, 2])
+def test_behind_mavros_the_row_says_to_let_it_hear_one_vehicle(system):
+    """Another id does not part them there."""
+    now_ns, converter = [0], Converter()
+    node = AutopilotClient(
+        AutopilotSettings(backend="mavros"),
+        BatterySpec(),
+        lambda: (1, 1),
+        lambda: 0,
+        lambda: converter.strangers(*now_ns),
+    )
+    vehicles = [Vehicle(converter), Vehicle(converter, first=120, boot_s=4000.0, system=system)]
+    for number in range(400):
+        now_ns[0] = 10 * S + number * S // 50
+        for vehicle in vehicles:
+            vehicle.say(now_ns[0] / S)
+    node.receive(now_ns[0], converter.convert(STATE, state("AUTO.LOITER")))
+    found = next(each for each in node.rows(now_ns[0], None) if each.name == "one vehicle")
+    who = "mavros, where ours is, too" if system == 1 else "system 2, by mavros"
+    assert (found.verdict, found.heals, found.advice) == (
+        Verdict.FAIL,
+        True,
+        f"mavros mixes another vehicle into ours ({who}): "
+        "let mavros hear one vehicle alone (a link or port of its own)",
+    )
 
 
 def test_a_vehicle_that_takes_the_place_of_one_that_was_switched_off_is_no_second_one():

@@ -236,8 +236,8 @@ def test_a_second_vehicle_behind_mavros_is_told_and_said_to_be_taken_for_ours(se
                 SimpleNamespace(msgid=74, framing_status=1, seq=(first + number) % 256, sysid=1, compid=1)
             )
     assert link_problem(link.state, clock.t_ns) == (
-        "another vehicle says system id 1, from mavros, where ours is, too; it is taken for ours: "
-        "give it another MAV_SYS_ID or port"
+        "another vehicle is heard (mavros, where ours is, too), and it is taken for ours: "
+        "let mavros hear one vehicle alone (a link or port of its own)"
     )
 
 

@@ -224,7 +224,7 @@ class TestMavros(unittest.TestCase):
         self.assertEqual((battery().name, row("one vehicle").verdict), ("battery state", CHECK.PASS))
         self.mavros.counts = [0, 120]
         wait_for(lambda: row("one vehicle").verdict == CHECK.FAIL, "a second vehicle", period_s=0.5)
-        self.assertIn("speaks from mavros, where ours is, too", row("one vehicle").advice)
+        self.assertIn("another vehicle into ours (mavros, where ours is, too)", row("one vehicle").advice)
         wait_for(lambda: "it is taken for ours" in self.node.log, lambda: self.node.log)
         self.mavros.counts = [0]
         wait_for(lambda: row("one vehicle").verdict == CHECK.PASS, "it is switched off", period_s=0.5)

@@ -16,7 +16,7 @@ from typing import Any, Callable, Iterable, NamedTuple, Optional, Protocol, Sequ
 from amaze_autonomy.config.kinds import parse_endpoint
 
 from .dialect import Message, changes_flight, mavlink
-from .peers import Identity, Peers
+from .peers import HEAR_ONE_ALONE, Identity, Peers
 from .ports import make_port, wait_readable
 from .wire import SigningKey, Stamps, Wire
 
@@ -149,7 +149,7 @@ class LinkState(NamedTuple):
         vehicle: system id of the vehicle, None while it is not known.
         heartbeat_ns: when the vehicle beat last, None: never.
         others: system ids of other vehicles on the link.
-        strangers: where others speak from that say our vehicle's system id; None: that cannot be told.
+        strangers: where others speak from that say our vehicle's system id, or are mixed; None: that cannot be told.
         frames: that were good.
         damaged_bytes: that were in no good frame.
         refused: frames without a good signature.
@@ -410,9 +410,12 @@ _DOUBLES = 3
 
 
 def _strangers_problem(state: LinkState) -> str:
-    """Return what is wrong with a second vehicle of our system id, which is not listened to where it can be told."""
-    where, what = ", ".join(state.strangers or ()), "it is taken for ours" if state.mixed else "it is ignored"
-    return f"another vehicle says system id {state.vehicle}, from {where}; {what}: give it another MAV_SYS_ID or port"
+    """Return what is wrong with a second vehicle, which is not listened to where it can be told from ours."""
+    where = ", ".join(state.strangers or ())
+    if state.mixed:
+        return f"another vehicle is heard ({where}), and it is taken for ours: {HEAR_ONE_ALONE}"
+    words = "it is ignored: give it another MAV_SYS_ID or port"
+    return f"another vehicle says system id {state.vehicle}, from {where}; {words}"
 
 
 def _never(state: LinkState) -> bool:

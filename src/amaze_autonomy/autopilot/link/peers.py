@@ -6,6 +6,8 @@ from typing import Any, Dict, List, Optional, Tuple
 
 from .dialect import Message, mavlink, source_of
 
+HEAR_ONE_ALONE = "let mavros hear one vehicle alone (a link or port of its own)"
+"""What to do where another vehicle is mixed into ours: another system id does not part them there."""
 _OTHERS_KEPT = 16
 _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 
@@ -50,7 +52,7 @@ class Peers:
         if source == (self._identity.system, self._identity.component):
             self.doubles += 1
             return False
-        if source[1] != _AUTOPILOT or (is_heartbeat and not _is_vehicle(message)):
+        if source[1] != _AUTOPILOT or (is_heartbeat and not is_vehicle(message)):
             return False
         if is_heartbeat and self.vehicle is None:
             self.vehicle = source[0]
@@ -91,7 +93,7 @@ class Peers:
         return system in (0, self._identity.system) and component in (0, self._identity.component)
 
 
-def _is_vehicle(heartbeat: Message) -> bool:
+def is_vehicle(heartbeat: Message) -> bool:
     """Tell an autopilot from ground stations, gimbals and companions."""
     return bool(heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type != mavlink.MAV_TYPE_GCS)
 
@@ -122,7 +124,7 @@ _BOOT_NS = _S  # by which boot times of one vehicle differ at most: messages are
 _DRIFT = 4  # messages in which a later boot time counts
 _ALONE = (_NUMBERS // 4, _LASTING_NS)  # messages and time without another one between, after which two runs are one
 _ALONE_OF_ONE_BOOT = (16, 3 * _S // 10)  # likewise, of runs that say the same boot time
-_REMEMBERED_NS = 10 * _S
+REMEMBERED_NS = 10 * _S
 _POWERLESS_NS = 10 * _S  # as long as a vehicle is silent at least whose battery is exchanged
 _SOURCES_KEPT = 8
 _AVERAGED = 16  # gaps
@@ -226,7 +228,7 @@ class Sources:
         ours = self._ours
         if ours is None:
             return ()
-        others = [run for run in self._runs if run is not ours and t_ns - run.heard_ns <= _REMEMBERED_NS]
+        others = [run for run in self._runs if run is not ours and t_ns - run.heard_ns <= REMEMBERED_NS]
         beside = [run for run in others if run.place != ours.place]
         behind = [run for run in others if run.place == ours.place and self._goes_on_beside(t_ns, run)]
         names = [_name(run.place) + _start(run, ours) for run in beside]
@@ -305,7 +307,7 @@ class Sources:
         return run.count >= _IN_A_ROW
 
     def _begin(self, t_ns: int, place: Any, sequence: int) -> _Run:
-        self._runs = [run for run in self._runs if run is self._ours or t_ns - run.heard_ns <= _REMEMBERED_NS]
+        self._runs = [run for run in self._runs if run is self._ours or t_ns - run.heard_ns <= REMEMBERED_NS]
         if len(self._runs) >= _SOURCES_KEPT:
             self._runs.remove(min((run for run in self._runs if run is not self._ours), key=lambda run: run.heard_ns))
         run = _Run(t_ns, place, sequence)

@@ -16,11 +16,12 @@ from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Mapping, Name
 from amaze_autonomy.monitoring.gravity import up_of_quaternion
 
 from ..link.dialect import Message, mavlink
-from ..link.peers import Sources
+from ..link.peers import REMEMBERED_NS, Sources, is_vehicle
 from ..vehicle.modes import autopilot_of, mavros_number
 
 VEHICLE = (1, 1)
 _PLACE = "mavros"  # from where all of it comes
+_HEARTBEAT = int(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
 EKF, BATTERY = int(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT), int(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS)
 HOME, ORIGIN = int(mavlink.MAVLINK_MSG_ID_HOME_POSITION), int(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 _UNKNOWN_AUTOPILOT, _NO_MODE = int(mavlink.MAV_AUTOPILOT_GENERIC), 255  # of PX4 it is 0.0
@@ -336,13 +337,18 @@ class Converter:
     def __init__(self) -> None:
         self.behind, self.target, self.sources = Behind(), VEHICLE, Sources()
         self._hears_senders = False
+        self._others: Dict[int, int] = {}  # system id of another vehicle: when it was heard last
         self._velocity, self._height_mm = (nan, nan, nan), 0
         self._without = {_VELOCITY.makes: _PARTS_APART, _HEIGHT.makes: _PARTS_APART}
         self._judged: Dict[int, int] = {}  # number of a battery: how often its topic came since it was received
 
     def note_sender(self, t_ns: int, message: Any) -> None:
         """Note who sent what mavros received at a time: two vehicles that say one id have a count of messages each."""
-        if (message.sysid, message.compid) != self.target or message.framing_status != _FRAMING_OK:
+        if message.framing_status != _FRAMING_OK:
+            return
+        if message.sysid != self.target[0]:
+            self._note_other(t_ns, message)
+        if (message.sysid, message.compid) != self.target:
             return
         self._hears_senders = True
         told = _decoded(message, _TELL_OF_SENDER.get(message.msgid))
@@ -353,9 +359,20 @@ class Converter:
         if ours and armed is not None:
             self.sources.armed = armed
 
+    def _note_other(self, t_ns: int, message: Any) -> None:
+        """Note a vehicle of another id: but for heartbeats, mavros takes what it says for what ours says."""
+        if message.msgid == _HEARTBEAT and message.compid == mavlink.MAV_COMP_ID_AUTOPILOT1:
+            beat = _decoded(message, mavlink.MAVLink_heartbeat_message)
+            if beat is not None and is_vehicle(beat):
+                self._others[message.sysid] = t_ns
+
     def strangers(self, t_ns: int) -> Optional[Tuple[str, ...]]:
-        """Return from where others say our vehicle's id; None while nothing that mavros receives has come."""
-        return self.sources.strangers(t_ns) if self._hears_senders else None
+        """Return what tells of other vehicles; None while nothing that mavros receives has come."""
+        heard = [system for system, heard_ns in self._others.items() if t_ns - heard_ns <= REMEMBERED_NS]
+        others = tuple(f"system {system}, by mavros" for system in sorted(heard))
+        if not self._hears_senders:
+            return others or None
+        return (*self.sources.strangers(t_ns), *others)
 
     def convert(self, source: Source, message: Any) -> Optional[Message]:
         """Return the MAVLink message of a message on a topic; None: it says nothing by itself."""

@@ -14,6 +14,7 @@ from amaze_autonomy.monitoring.land_switch import LandSwitchMonitor
 
 from ...engine.events import Check, Verdict
 from ..link.dialect import mavlink
+from ..link.peers import HEAR_ONE_ALONE
 from .asked import ParameterState
 from .battery import CHARGING, LOW, OK, STATE_NAMES
 from .vehicle import VehicleState
@@ -99,15 +100,17 @@ def _is_nobodys(known: Preflight) -> bool:
     return through_mavros and beat is not None and beat.autopilot == mavlink.MAV_AUTOPILOT_GENERIC
 
 
-_UNTOLD = "nobody can tell: mavros' mavlink/from says nothing of this vehicle; see to it that mavros hears one alone"
+_UNTOLD = f"nobody can tell: mavros' mavlink/from says nothing of this vehicle; {HEAR_ONE_ALONE}"
 
 
 def _one_vehicle(known: Preflight) -> Check:
-    """Say who else speaks as our vehicle; after a burst of lost messages ours may look like two for a moment."""
+    """Say who else speaks as our vehicle, or is mixed in; after a burst of lost messages ours may look like two."""
     if known.strangers is None:
         return _row(known, "one vehicle", _UNTOLD, good=None, needed=False)
     where = ", ".join(known.strangers)
     advice = f"another one with its system id speaks from {where}: switch it off, or give it another MAV_SYS_ID or port"
+    if known.settings.backend == "mavros":
+        advice = f"mavros mixes another vehicle into ours ({where}): {HEAR_ONE_ALONE}"
     return _row(known, "one vehicle", advice, good=not known.strangers, heals=True)
 
 
