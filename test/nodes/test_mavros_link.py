@@ -241,6 +241,46 @@ def test_a_second_vehicle_behind_mavros_is_told_and_said_to_be_taken_for_ours(se
     )
 
 
+def received(caller, number, kind=74):
+    """Return what a node publishes as received of its vehicle."""
+    said = SimpleNamespace(msgid=kind, framing_status=1, seq=number % 256, sysid=1, compid=1)
+    said._connection_header = {"callerid": caller}
+    return said
+
+
+@pytest.mark.parametrize("other_first", [False, True])
+def test_of_two_mavros_that_publish_on_one_topic_what_they_receive_ours_alone_counts(services, other_first):
+    """Their own topics are below their names; what they receive is beside both: the battery of another vehicle, too."""
+    assert services.called == []
+    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
+    link, clock, said = linked(client, CLIENT_MESSAGES)
+    link._listens = True
+    link._take(said, mavros_link.STATE)
+    taken = []
+    link._take = lambda message, _source: taken.append(message._connection_header["callerid"])
+    if other_first:  # until ours has said something it may be a relay, or a recording
+        link._take_received(received("/mavros_radio", 0, BATTERY))
+    for number in range(500):
+        clock.t_ns += S // 50
+        link._take_received(received("/mavros", number, BATTERY))
+        link._take_received(received("/mavros_radio", 120 + number, BATTERY))
+        assert not link.state.strangers
+    assert taken == ["/mavros_radio"] * other_first + ["/mavros"] * 500
+
+
+def test_what_a_relay_hands_on_of_mavros_counts(services):
+    assert services.called == []
+    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
+    link, _, said = linked(client, CLIENT_MESSAGES)
+    link._listens = True
+    link._take(said, mavros_link.STATE)
+    taken = []
+    link._take = lambda message, _source: taken.append(message.msgid)
+    link._take_received(received("/relay", 0, BATTERY))
+    link._take_received(SimpleNamespace(msgid=BATTERY, framing_status=1, seq=1, sysid=1, compid=1))
+    assert taken == [BATTERY] * 2
+
+
 @pytest.mark.live
 def test_what_is_commanded_has_a_connection_that_stays_open(link, services):
     link.begin()

@@ -366,6 +366,11 @@ class Converter:
             if beat is not None and is_vehicle(beat):
                 self._others[message.sysid] = t_ns
 
+    def forget_senders(self) -> None:
+        """Forget who was heard: it was received by another mavros."""
+        self.sources, self._hears_senders = Sources(), False
+        self._others.clear()
+
     def strangers(self, t_ns: int) -> Optional[Tuple[str, ...]]:
         """Return what tells of other vehicles; None while nothing that mavros receives has come."""
         heard = [system for system, heard_ns in self._others.items() if t_ns - heard_ns <= REMEMBERED_NS]

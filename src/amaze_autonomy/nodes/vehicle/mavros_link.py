@@ -91,7 +91,8 @@ class MavrosLink(ClientHost):
         self._requests: Dict[Lane, queue.Queue[Tuple[int, Request]]] = {lane: queue.Queue(_WAITING) for lane in Lane}
         self._ended = threading.Event()
         self._heartbeat_ns: Any = None
-        self._listens = False
+        self._mavros_name = rospy.resolve_name(namespace)
+        self._listens = self._hears_our_mavros = False
         self._frames = self._unsent = 0
         self._publisher: Any = None
         names = frozenset(wanted)
@@ -172,9 +173,22 @@ class MavrosLink(ClientHost):
 
     def _take_received(self, message: Any) -> None:
         with self._changed:
+            if not self._is_of_our_mavros(message):
+                return
             self._converter.note_sender(self._now_ns(), message)
         if message.msgid in self._of_received:
             self._take(message, RECEIVED)
+
+    def _is_of_our_mavros(self, message: Any) -> bool:
+        """Return whether what came on the topic of all mavros beside each other may be of ours.
+
+        A mavros is named as its namespace. Until it has said something, whoever speaks may hand on what it says.
+        """
+        sender = (getattr(message, "_connection_header", None) or {}).get("callerid", "")
+        if sender == self._mavros_name and not self._hears_our_mavros:
+            self._hears_our_mavros = True
+            self._converter.forget_senders()  # those of somebody else
+        return sender == self._mavros_name or not self._hears_our_mavros
 
     def _take(self, message: Any, source: Source) -> None:
         with self._changed:
