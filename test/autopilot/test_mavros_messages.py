@@ -728,6 +728,15 @@ def test_a_vehicle_that_takes_the_place_of_one_that_was_switched_off_is_no_secon
     assert (set(told), converter.strangers(28 * S)) == ({()}, ())
 
 
+def test_what_mavros_received_once_tells_nobody_for_ever_that_it_hears_one_vehicle():
+    """Its topic may end: another start of mavros without it, a relay that is gone."""
+    converter = Converter()
+    Vehicle(converter).say(10)
+    assert (converter.strangers(20 * S), converter.strangers(20 * S + 1)) == ((), None)
+    Vehicle(converter).say(70)
+    assert converter.strangers(71 * S) == ()
+
+
 def test_whether_the_vehicle_is_armed_is_told_by_its_own_heartbeat():
     converter = Converter()
     vehicle = Vehicle(converter)

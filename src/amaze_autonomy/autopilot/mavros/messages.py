@@ -336,7 +336,7 @@ class Converter:
 
     def __init__(self) -> None:
         self.behind, self.target, self.sources = Behind(), VEHICLE, Sources()
-        self._hears_senders = False
+        self._heard_ns: Optional[int] = None  # when anything of ours was received last
         self._others: Dict[int, int] = {}  # system id of another vehicle: when it was heard last
         self._velocity, self._height_mm = (nan, nan, nan), 0
         self._without = {_VELOCITY.makes: _PARTS_APART, _HEIGHT.makes: _PARTS_APART}
@@ -350,7 +350,7 @@ class Converter:
             self._note_other(t_ns, message)
         if (message.sysid, message.compid) != self.target:
             return
-        self._hears_senders = True
+        self._heard_ns = t_ns
         told = _decoded(message, _TELL_OF_SENDER.get(message.msgid))
         armed = None
         if told is not None and told.get_type() == "HEARTBEAT":
@@ -368,14 +368,14 @@ class Converter:
 
     def forget_senders(self) -> None:
         """Forget who was heard: it was received by another mavros."""
-        self.sources, self._hears_senders = Sources(), False
+        self.sources, self._heard_ns = Sources(), None
         self._others.clear()
 
     def strangers(self, t_ns: int) -> Optional[Tuple[str, ...]]:
-        """Return what tells of other vehicles; None while nothing that mavros receives has come."""
+        """Return what tells of other vehicles; None while nothing comes of what mavros receives of ours."""
         heard = [system for system, heard_ns in self._others.items() if t_ns - heard_ns <= REMEMBERED_NS]
         others = tuple(f"system {system}, by mavros" for system in sorted(heard))
-        if not self._hears_senders:
+        if self._heard_ns is None or t_ns - self._heard_ns > REMEMBERED_NS:
             return others or None
         return (*self.sources.strangers(t_ns), *others)
 
