@@ -201,6 +201,44 @@ def test_two_vehicles_behind_one_router_are_never_mixed(offset, rates):
     assert sources.strangers(5 * S) == ("10.0.0.1:14550, where ours is, too",)
 
 
+def two_behind_one_router(offset, loss, seconds):
+    """Return what is said, in its order, by two whose numbers are this far apart: time, number, boot time."""
+    chance, said = random.Random(offset), []
+    for number in range(290 * seconds):
+        for who, boot_s in enumerate((-100.0, -4000.0)):
+            t_s = number / 290 + who * 0.0017
+            if chance.random() >= loss:
+                said.append((t_s, number + who * offset, boot_s if chance.random() < 0.1 else None))
+    return said
+
+
+BESIDE_OURS = ("10.0.0.1:14550, where ours is, too",)
+
+
+@pytest.mark.parametrize("offset, loss", [(16, 0.05), (224, 0.05), (240, 0.05), (16, 0.2), (240, 0.2)])
+def test_a_second_vehicle_behind_one_router_stays_told_while_it_speaks(offset, loss):
+    """Near each other and with losses, what both go on with ends the run of the second one now and then."""
+    sources, told = Sources(), []
+    for t_s, number, boot_s in two_behind_one_router(offset, loss, 40):
+        say(sources, t_s, sequence=number, boot_s=boot_s)
+        told.append(bool(sources.strangers(round(t_s * S))))
+    assert all(told[told.index(True) :])
+    assert told.index(True) < len(told) / 4
+    assert sources.strangers(50 * S) == BESIDE_OURS
+    assert sources.strangers(75 * S) == ()
+
+
+def test_a_link_that_was_opened_again_tells_of_nobody():
+    sources = Sources()
+    for t_s, number, boot_s in two_behind_one_router(100, 0.0, 6):
+        say(sources, t_s, sequence=number, boot_s=boot_s)
+    assert sources.strangers(6 * S) == BESIDE_OURS
+    sources.forget()
+    assert sources.strangers(6 * S) == ()
+    say(sources, 7.0, THERE)
+    assert sources.strangers(7 * S) == ()
+
+
 @pytest.mark.parametrize("seed", [10, 56, 62, 105, *range(4)])
 def test_one_vehicle_is_one_again_after_a_start_at_which_much_was_lost(seed):
     """Bursts that are lost and read late leave runs; two of one vehicle must not live beside one another for ever."""

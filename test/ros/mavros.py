@@ -227,7 +227,8 @@ class TestMavros(unittest.TestCase):
         self.assertIn("another vehicle into ours (mavros, where ours is, too)", row("one vehicle").advice)
         wait_for(lambda: "it is taken for ours" in self.node.log, lambda: self.node.log)
         self.mavros.counts = [0]
-        wait_for(lambda: row("one vehicle").verdict == CHECK.PASS, "it is switched off", period_s=0.5)
+        passes = lambda: row("one vehicle").verdict == CHECK.PASS  # noqa: E731
+        wait_for(passes, "one that was switched off for half a minute", limit_s=60.0, period_s=0.5)
         self.mavros.charge_state = 3
         self.wait(lambda said: said.battery_critical, "a critical battery")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 from .dialect import Message, mavlink, source_of
 
@@ -125,6 +125,7 @@ _DRIFT = 4  # messages in which a later boot time counts
 _ALONE = (_NUMBERS // 4, _LASTING_NS)  # messages and time without another one between, after which two runs are one
 _ALONE_OF_ONE_BOOT = (16, 3 * _S // 10)  # likewise, of runs that say the same boot time
 REMEMBERED_NS = 10 * _S
+_TOLD_NS = 30 * _S  # for which one behind our address stays told: near ours, its run ends and begins now and then
 _POWERLESS_NS = 10 * _S  # as long as a vehicle is silent at least whose battery is exchanged
 _SOURCES_KEPT = 8
 _AVERAGED = 16  # gaps
@@ -188,6 +189,20 @@ class _Run:
         return t_ns - max(self.heard_ns, self.maybe_ns)
 
 
+class _Told(NamedTuple):
+    """Strangers behind our address that were told.
+
+    Args:
+        t_ns: when they spoke beside ours last.
+        place: the address.
+        names: in words.
+    """
+
+    t_ns: int
+    place: Any
+    names: Tuple[str, ...]
+
+
 class Sources:
     """The sources that speak as one system id."""
 
@@ -195,6 +210,7 @@ class Sources:
         self._runs: List[_Run] = []
         self._ours: Optional[_Run] = None
         self._unbroken: Dict[Any, _Run] = {}  # all that came from an address with more than one run, while it is one
+        self._told: Optional[_Told] = None
         self.armed = False
 
     def take(
@@ -232,7 +248,11 @@ class Sources:
         beside = [run for run in others if run.place != ours.place]
         behind = [run for run in others if run.place == ours.place and self._goes_on_beside(t_ns, run)]
         names = [_name(run.place) + _start(run, ours) for run in beside]
-        names += [f"{_name(run.place)}, where ours is, too{_start(run, ours)}" for run in behind]
+        if behind:
+            told = tuple(f"{_name(run.place)}, where ours is, too{_start(run, ours)}" for run in behind)
+            self._told = _Told(t_ns, ours.place, told)
+        if self._told is not None and self._told.place == ours.place and t_ns - self._told.t_ns <= _TOLD_NS:
+            names += self._told.names
         return tuple(dict.fromkeys(names))
 
     @staticmethod
@@ -245,6 +265,7 @@ class Sources:
         """Forget all: the link was opened again. In flight the boot time of ours is kept."""
         self._runs = [self._ours] if self.armed and self._ours is not None else []
         self._ours = self._runs[0] if self._runs else None
+        self._told = None
         self._unbroken.clear()
 
     # --- inside ---------------------------------------------------------------------------------------------------
