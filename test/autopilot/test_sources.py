@@ -8,11 +8,13 @@ import time
 import pytest
 from autopilot_tools import Recorder, UdpVehicle, beat, free_port, wait_until
 from client_bench import ClientBench
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot import Connection, Identity
 from amaze_autonomy.autopilot.link.connection import link_problem
-from amaze_autonomy.autopilot.link.peers import Sources
+from amaze_autonomy.autopilot.link.peers import Sources, _Between
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import Landed, Verdict
 from amaze_autonomy.monitoring.specs import BatterySpec
@@ -226,6 +228,48 @@ def test_a_second_vehicle_behind_one_router_stays_told_while_it_speaks(offset, l
     assert told.index(True) < len(told) / 4
     assert sources.strangers(50 * S) == BESIDE_OURS
     assert sources.strangers(75 * S) == ()
+
+
+@pytest.mark.parametrize("rate", [20, 50, 120, 290, 600])
+@pytest.mark.parametrize("beats_hz", [1, 2])
+@pytest.mark.parametrize("lost", [0.0, 0.05])
+def test_one_that_says_heartbeats_alone_is_told_by_its_numbers_between_ours(rate, beats_hz, lost):
+    """It never makes a run: ours passes over its numbers again and again."""
+    chance, sources = random.Random(rate), Sources()
+    said = [(number / rate, 0, number) for number in range(60 * rate)]
+    said += [(0.5 + beat / beats_hz + 0.0003, 1, 37 + beat) for beat in range(60 * beats_hz)]
+    for t_s, who, number in sorted(said):
+        if chance.random() >= lost:
+            say(sources, t_s, sequence=number, armed=who == 0 if number % rate == 0 or who else None)
+            assert t_s < 20 or sources.strangers(round(t_s * S)) == BESIDE_OURS
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    seed=st.integers(0, 1 << 30),
+    rate=st.sampled_from([3, 10, 50, 150, 450, 600]),
+    lost=st.sampled_from([0.0, 0.05, 0.3, 0.6, 0.9]),
+    burst_s=st.sampled_from([0.0, 0.1, 0.5, 1.5]),
+    jitter=st.sampled_from([0, 8, 30]),
+    stall_s=st.sampled_from([0.0, 0.4, 3.0]),
+)
+def test_numbers_of_one_vehicle_never_lie_between_its_own(seed, rate, lost, burst_s, jitter, stall_s):
+    """However much of them is lost, by ones and in bursts, comes late and by then in parts, and overtakes one another.
+
+    Jitter: in messages.
+    """
+    chance, between, sent = random.Random(seed), _Between(), []
+    losing_s = stalls_s = 0.0
+    for number in range(40 * rate):
+        t_s = number / rate
+        losing_s = t_s + chance.random() * burst_s if burst_s and chance.random() < 1 / rate else losing_s
+        if t_s >= losing_s and chance.random() >= lost:
+            sent.append((t_s + chance.random() * jitter / rate, number))
+    for place, (t_s, number) in enumerate(sorted(sent)):
+        stalls_s = t_s + chance.random() * stall_s if stall_s and chance.random() < 0.3 / rate else stalls_s
+        if t_s >= stalls_s or place % 700 < 200:
+            between.add(round(max(t_s, stalls_s) * S), number % 256)
+            assert not between.tells(round(max(t_s, stalls_s) * S))
 
 
 def test_a_link_that_was_opened_again_tells_of_nobody():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from collections import deque
+from typing import Any, Deque, Dict, List, NamedTuple, Optional, Tuple
 
 from .dialect import Message, mavlink, source_of
 
@@ -127,6 +128,7 @@ _ALONE_OF_ONE_BOOT = (16, 3 * _S // 10)  # likewise, of runs that say the same b
 REMEMBERED_NS = 10 * _S
 _TOLD_NS = 30 * _S  # for which one behind our address stays told: near ours, its run ends and begins now and then
 _POWERLESS_NS = 10 * _S  # as long as a vehicle is silent at least whose battery is exchanged
+_BETWEEN = 3  # numbers between two of ours that are no chance
 _SOURCES_KEPT = 8
 _AVERAGED = 16  # gaps
 _ENDED_GAPS, _ENDED_NS = 5, _S // 10  # without a word in which a run ends that another one follows
@@ -189,6 +191,33 @@ class _Run:
         return t_ns - max(self.heard_ns, self.maybe_ns)
 
 
+class _Between:
+    """Numbers that lie between two of ours that follow one another, far from both: they are somebody else's.
+
+    So one is noticed that says heartbeats alone: ours passes over its numbers, and it never makes a run.
+    """
+
+    def __init__(self) -> None:
+        self._sequence: Optional[int] = None
+        self._heard_ns = 0
+        self._far = False  # whether the last number was
+        self._times_ns: Deque[int] = deque(maxlen=_BETWEEN)
+
+    def add(self, t_ns: int, sequence: int) -> None:
+        """Take the number of any message that came from our address."""
+        ahead = 0 if self._sequence is None else (sequence - self._sequence) % _NUMBERS
+        if not self._far and _MOST_AHEAD < ahead < _NUMBERS - _LATE:
+            self._far = True
+            return
+        if self._far and ahead == 1 and t_ns - self._heard_ns <= _PAUSE_NS:
+            self._times_ns.append(t_ns)
+        self._far, self._sequence, self._heard_ns = False, sequence, t_ns
+
+    def tells(self, t_ns: int) -> bool:
+        """Return whether there were several lately."""
+        return len(self._times_ns) == _BETWEEN and t_ns - self._times_ns[0] <= REMEMBERED_NS
+
+
 class _Told(NamedTuple):
     """Strangers behind our address that were told.
 
@@ -211,6 +240,7 @@ class Sources:
         self._ours: Optional[_Run] = None
         self._unbroken: Dict[Any, _Run] = {}  # all that came from an address with more than one run, while it is one
         self._told: Optional[_Told] = None
+        self._between = _Between()
         self.armed = False
 
     def take(
@@ -227,6 +257,8 @@ class Sources:
         """
         boot_ns = t_ns - boot_ms * _MS if boot_ms else None
         ours = self._ours
+        if ours is not None and ours.place == place:
+            self._between.add(t_ns, sequence)
         alone = ours is not None and len(self._runs) == 1 and ours.place == place and boot_ns is None
         if ours is not None and alone and ours.follows(t_ns, sequence):  # as it is nearly always
             ours.hear(t_ns, sequence, None)
@@ -246,14 +278,21 @@ class Sources:
             return ()
         others = [run for run in self._runs if run is not ours and t_ns - run.heard_ns <= REMEMBERED_NS]
         beside = [run for run in others if run.place != ours.place]
-        behind = [run for run in others if run.place == ours.place and self._goes_on_beside(t_ns, run)]
+        behind = self._behind(t_ns, ours, [run for run in others if run.place == ours.place])
         names = [_name(run.place) + _start(run, ours) for run in beside]
         if behind:
-            told = tuple(f"{_name(run.place)}, where ours is, too{_start(run, ours)}" for run in behind)
+            told = tuple(f"{_name(ours.place)}, where ours is, too{start}" for start in behind)
             self._told = _Told(t_ns, ours.place, told)
         if self._told is not None and self._told.place == ours.place and t_ns - self._told.t_ns <= _TOLD_NS:
             names += self._told.names
         return tuple(dict.fromkeys(names))
+
+    def _behind(self, t_ns: int, ours: _Run, others: List[_Run]) -> List[str]:
+        """Return what is said of the start of each stranger behind our address, of these runs."""
+        starts = [_start(run, ours) for run in others if self._goes_on_beside(t_ns, run)]
+        if starts or not self._between.tells(t_ns):
+            return starts
+        return [_start(run, ours) for run in others if run.count >= _IN_A_ROW] or [""]
 
     @staticmethod
     def _goes_on_beside(t_ns: int, run: _Run) -> bool:
@@ -265,7 +304,7 @@ class Sources:
         """Forget all: the link was opened again. In flight the boot time of ours is kept."""
         self._runs = [self._ours] if self.armed and self._ours is not None else []
         self._ours = self._runs[0] if self._runs else None
-        self._told = None
+        self._told, self._between = None, _Between()
         self._unbroken.clear()
 
     # --- inside ---------------------------------------------------------------------------------------------------
@@ -345,6 +384,7 @@ class Sources:
         elif self._follows(t_ns, run, ours) or self._replaces(t_ns, run, ours):
             self._runs.remove(ours)
             self._ours = run
+            self._between = self._between if run.place == ours.place else _Between()
 
     def _follows(self, t_ns: int, run: _Run, ours: _Run) -> bool:
         """Return whether a run began at the address of another when that had ended: by losses, or a restart.
