@@ -175,6 +175,48 @@ def test_an_autopilot_that_starts_again_in_flight_is_heard_before_the_link_count
     assert sources.strangers(round(t_s * S)) == ()
 
 
+@pytest.mark.parametrize("gap_s", [12.0, 30.0, 60.0, 600.0])
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("beats_alone_s, lost", [(0.0, 0.0), (4.0, 0.0), (0.0, 0.2), (4.0, 0.2)])
+def test_a_vehicle_that_lost_its_power_while_armed_is_no_stranger_behind_its_own_address(
+    gap_s, seed, beats_alone_s, lost
+):
+    """Its first words say no boot time, and count for those of the one before; then its start is another one."""
+    chance, sources = random.Random(seed), Sources()
+    sources.armed = True
+    for number in range(290 * 20):
+        assert say(sources, number / 290, sequence=number, boot_s=-100.0 if number % 10 == 0 else None)
+    again_s, refused = 20.0 + gap_s, []
+    for number in range(round(beats_alone_s)):
+        say(sources, again_s + number, sequence=seed * 77 + number, armed=False)
+    for number in range(290 * 40):
+        t_s = again_s + beats_alone_s + number / 290
+        boot_s = again_s - 5.0 if number > 5 and chance.random() < 0.1 else None
+        count = seed * 77 + round(beats_alone_s) + number
+        if chance.random() >= lost and not say(sources, t_s, sequence=count, boot_s=boot_s):
+            refused.append(t_s - again_s - beats_alone_s)
+        assert t_s < again_s + 3 or sources.strangers(round(t_s * S)) == ()
+    assert max(refused, default=0.0) < 1.5
+
+
+@pytest.mark.parametrize("rate", [50, 150, 450])
+@pytest.mark.parametrize("ahead", [0, 20, 40, 100, 180, 240])
+def test_a_stranger_that_was_started_in_a_silence_of_ours_in_flight_takes_nothing_while_ours_speaks(rate, ahead):
+    """Ours, at 4 Hz, says no boot time for a while after it: only who goes on with its numbers takes its place."""
+    sources = Sources()
+    spoken = [(number / 4, 0, number, -100.0) for number in (*range(41), *range(108, 160))]
+    spoken += [(number / 4, 0, number, None) for number in range(72, 108)]
+    spoken += [
+        (20.1 + number / rate, 1, 80 + ahead + number, 10.2 if number % 5 == 0 else None) for number in range(20 * rate)
+    ]
+    sources.armed, wrong, taken = True, 0, 0
+    for t_s, who, number, boot_s in sorted(spoken, key=lambda said: said[:2]):
+        heard = say(sources, t_s, sequence=number, boot_s=boot_s)
+        if t_s > 28:
+            wrong, taken = wrong + (heard and who == 1), taken + (heard and who == 0)
+    assert (wrong, taken) == (0, 47)
+
+
 @pytest.mark.parametrize("offset", [100, 128, 200])
 @pytest.mark.parametrize("rates", [(500, 490), (500, 100), (100, 500)])
 def test_two_vehicles_behind_one_router_are_never_mixed(offset, rates):

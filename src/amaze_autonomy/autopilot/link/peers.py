@@ -153,15 +153,39 @@ class _Run:
         self.told_ns = t_ns  # when it was told last
         self.late_ns = 0  # by how much that message was late
         self.armed: Optional[bool] = None  # by its last heartbeat
+        self.before_ns: Optional[int] = None  # when it was heard before a pause since which it has told no boot time
+        self.resumed_ns = t_ns  # the end of that pause
 
     def hear(self, t_ns: int, sequence: int, boot_ns: Optional[int]) -> None:
-        if (sequence - self.sequence) % _NUMBERS < _NUMBERS - _LATE:
+        late = (sequence - self.sequence) % _NUMBERS >= _NUMBERS - _LATE
+        if not late or t_ns - self.heard_ns > _PAUSE_NS:
             self.sequence = sequence
+        self._note_pause(t_ns)
         self.gap_ns += (t_ns - self.heard_ns - self.gap_ns) // _AVERAGED
         self.heard_ns = t_ns
         self.count += 1
         if boot_ns is not None:
+            self.before_ns = None
             self._tell(t_ns, boot_ns)
+
+    def _note_pause(self, t_ns: int) -> None:
+        """Note the first of several pauses: who was started again says heartbeats alone for a while."""
+        if t_ns - self.heard_ns <= max(_PAUSE_NS, _ENDED_GAPS * self.gap_ns):
+            return
+        if self.before_ns is None or t_ns - self.resumed_ns > REMEMBERED_NS:
+            self.before_ns, self.resumed_ns = self.heard_ns, t_ns
+
+    def give_back(self, t_ns: int, sequence: int, boot_ns: int) -> None:
+        """Give back what was heard since a pause to a vehicle that was started in it: this one had lost its power.
+
+        Its numbers go on from what was heard since; those of a stranger do so by chance alone.
+        """
+        if self.before_ns is None or t_ns - self.resumed_ns > REMEMBERED_NS:
+            return
+        if not 0 < (sequence - self.sequence) % _NUMBERS <= _AHEAD:
+            return
+        if boot_ns > self.before_ns and self.denies(t_ns, boot_ns):
+            self.heard_ns, self.before_ns = self.before_ns, None
 
     def _tell(self, t_ns: int, boot_ns: int) -> None:
         self.told_ns = t_ns
@@ -324,6 +348,8 @@ class Sources:
             return fits[0]
         if len(here) == 1 and t_ns - here[0].heard_ns > _PAUSE_NS:
             return here[0]
+        if boot_ns is not None and self._ours is not None and self._ours.place == place:
+            self._ours.give_back(t_ns, sequence, boot_ns)
         return self._begin(t_ns, place, sequence)
 
     def _without_jumps(self, t_ns: int, fits: List[_Run]) -> List[_Run]:
