@@ -39,6 +39,7 @@ def test_what_is_wrong_is_said_so_that_it_can_be_put_right(different, words):
     "different, words",
     [
         ({}, "vehicle 1 has fallen silent: no heartbeat for 5 s"),
+        ({"vehicle": None}, "the vehicle has fallen silent: no heartbeat for 5 s"),
         ({"errors": 1, "doubles": 3}, "vehicle 1 has fallen silent: no heartbeat for 5 s"),
         ({"problem": "silent for 5 s"}, "silent for 5 s"),
         ({"heartbeat_ns": None}, "no vehicle heard yet"),

@@ -241,6 +241,21 @@ def test_a_second_vehicle_behind_mavros_is_told_and_said_to_be_taken_for_ours(se
     )
 
 
+@pytest.mark.usefixtures("services")
+def test_the_number_of_the_vehicle_is_unknown_until_it_was_read_of_mavros(monkeypatch):
+    """Behind a PX4 the planner never reads it."""
+    monkeypatch.setattr(mavros_link.rospy, "Subscriber", lambda *_, **__: None)
+    monkeypatch.setattr(mavros_link.rospy, "get_param", lambda name, _default: 7 if "system" in name else 1)
+    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
+    link, clock, said = linked(client, PLANNER_MESSAGES)
+    link._take(said, mavros_link.STATE)
+    assert link.state.vehicle is None
+    assert link_problem(link.state, clock.t_ns + 6 * S) == "the vehicle has fallen silent: no heartbeat for 5 s"
+    link._listen()
+    assert link.state.vehicle == 7
+    assert link_problem(link.state, clock.t_ns + 6 * S) == "vehicle 7 has fallen silent: no heartbeat for 5 s"
+
+
 def received(caller, number, kind=74):
     """Return what a node publishes as received of its vehicle."""
     said = SimpleNamespace(msgid=kind, framing_status=1, seq=number % 256, sysid=1, compid=1)

@@ -418,6 +418,10 @@ def _strangers_problem(state: LinkState) -> str:
     return f"another vehicle says system id {state.vehicle}, from {where}; {words}"
 
 
+def _vehicle(state: LinkState) -> str:
+    return "the vehicle" if state.vehicle is None else f"vehicle {state.vehicle}"
+
+
 def _never(state: LinkState) -> bool:
     return state.heartbeat_ns is None
 
@@ -445,7 +449,7 @@ _ROWS: Tuple[_Row, ...] = (
     (lambda state, _: bool(state.strangers), _strangers_problem),
     (
         _is_silent,  # the words stay the same while it lasts, since each change is told
-        lambda state: f"vehicle {state.vehicle} has fallen silent: no heartbeat for {_SILENCE_NS // _S} s",
+        lambda state: f"{_vehicle(state)} has fallen silent: no heartbeat for {_SILENCE_NS // _S} s",
     ),
     (
         lambda state, _: state.doubles >= _DOUBLES,

@@ -92,7 +92,7 @@ class MavrosLink(ClientHost):
         self._ended = threading.Event()
         self._heartbeat_ns: Any = None
         self._mavros_name = rospy.resolve_name(namespace)
-        self._listens = self._hears_our_mavros = False
+        self._listens = self._knows_target = self._hears_our_mavros = False
         self._frames = self._unsent = 0
         self._publisher: Any = None
         names = frozenset(wanted)
@@ -139,7 +139,7 @@ class MavrosLink(ClientHost):
         return LinkState(
             opened=True,
             problem="",
-            vehicle=self._converter.target[0],
+            vehicle=self._converter.target[0] if self._knows_target else None,
             heartbeat_ns=self._heartbeat_ns,
             others=(),
             strangers=self._strangers(),
@@ -163,6 +163,7 @@ class MavrosLink(ClientHost):
         topic = f"{self._namespace.rpartition('/')[0]}/{RECEIVED.topic}"
         try:
             self._converter.target = (self._target("system"), self._target("component"))
+            self._knows_target = True
             rospy.Subscriber(topic, self._kinds[RECEIVED], self._take_received, queue_size=_RECEIVED, tcp_nodelay=True)
         except (OSError, TypeError, ValueError, rosgraph.MasterException, rospy.ROSException) as error:
             self._listens = False  # with the next state it is tried again
