@@ -284,6 +284,10 @@ def test_one_that_says_heartbeats_alone_is_told_by_its_numbers_between_ours(rate
         if chance.random() >= lost:
             say(sources, t_s, sequence=number, armed=who == 0 if number % rate == 0 or who else None)
             assert t_s < 20 or sources.strangers(round(t_s * S)) == BESIDE_OURS
+    for number in range(60 * rate, 95 * rate):  # the other one was switched off
+        say(sources, number / rate, sequence=number)
+        told = sources.strangers(round(number / rate * S))
+        assert number / rate < 92 or told == ()
 
 
 @settings(max_examples=150, deadline=None)

@@ -237,6 +237,11 @@ class _Between:
             self._times_ns.append(t_ns)
         self._far, self._sequence, self._heard_ns = False, sequence, t_ns
 
+    @property
+    def last_ns(self) -> int:
+        """When the last one came."""
+        return self._times_ns[-1] if self._times_ns else 0
+
     def tells(self, t_ns: int) -> bool:
         """Return whether there were several lately."""
         return len(self._times_ns) == _BETWEEN and t_ns - self._times_ns[0] <= REMEMBERED_NS
@@ -302,21 +307,23 @@ class Sources:
             return ()
         others = [run for run in self._runs if run is not ours and t_ns - run.heard_ns <= REMEMBERED_NS]
         beside = [run for run in others if run.place != ours.place]
-        behind = self._behind(t_ns, ours, [run for run in others if run.place == ours.place])
+        spoke_ns, behind = self._behind(t_ns, ours, [run for run in others if run.place == ours.place])
         names = [_name(run.place) + _start(run, ours) for run in beside]
         if behind:
             told = tuple(f"{_name(ours.place)}, where ours is, too{start}" for start in behind)
-            self._told = _Told(t_ns, ours.place, told)
+            self._told = _Told(spoke_ns, ours.place, told)
         if self._told is not None and self._told.place == ours.place and t_ns - self._told.t_ns <= _TOLD_NS:
             names += self._told.names
         return tuple(dict.fromkeys(names))
 
-    def _behind(self, t_ns: int, ours: _Run, others: List[_Run]) -> List[str]:
-        """Return what is said of the start of each stranger behind our address, of these runs."""
-        starts = [_start(run, ours) for run in others if self._goes_on_beside(t_ns, run)]
-        if starts or not self._between.tells(t_ns):
-            return starts
-        return [_start(run, ours) for run in others if run.count >= _IN_A_ROW] or [""]
+    def _behind(self, t_ns: int, ours: _Run, others: List[_Run]) -> Tuple[int, List[str]]:
+        """Return when strangers behind our address spoke last, and what is said of the start of each, of these runs."""
+        lasting = [run for run in others if self._goes_on_beside(t_ns, run)]
+        if lasting:
+            return max(run.heard_ns for run in lasting), [_start(run, ours) for run in lasting]
+        if not self._between.tells(t_ns):
+            return t_ns, []
+        return self._between.last_ns, [_start(run, ours) for run in others if run.count >= _IN_A_ROW] or [""]
 
     @staticmethod
     def _goes_on_beside(t_ns: int, run: _Run) -> bool:
