@@ -114,10 +114,16 @@ def test_each_argument_of_a_launch_file_is_documented_with_its_default(file):
     table = text.partition(f"\n`{file}`:\n\n")[2].partition("\n\n")[0].splitlines()[2:]
     arguments = ET.parse(ROOT / "launch" / file).getroot().findall("arg")
     assert table == [
-        f"| `{each.get('name')}` | {'`' + default + '`' if default else 'empty'} | {each.get('doc')} |"
-        for each, default in ((each, each.get("default")) for each in arguments)
+        f"| `{each.get('name')}` | {documented(each.get('default'))} | {each.get('doc')} |"
+        for each in arguments
         if not each.get("name").startswith("_")
     ]
+
+
+def documented(default):
+    if default is None:
+        return "must be given"
+    return f"`{default}`" if default else "empty"
 
 
 def there_is_node(package, node, *words):

@@ -320,9 +320,18 @@ def test_the_folder_of_a_recorder_that_is_started_alone_is_no_number_and_no_part
         substitution.resolve_args(checks["_checked_folder"], {"arg": {"folder": "main/today"}})
 
 
-def loaded_launch(*words: str):
+def test_a_recorder_that_is_started_alone_is_told_its_platform():
+    """As the collector it would have the name of that one's node, and the master would end the two in turn."""
+    missing = pytest.importorskip("roslaunch.core", reason="needs ROS").RLException
+    with pytest.raises(missing, match="requires the 'platform' arg to be set"):
+        loaded_launch("config:=/flight/config", file="recorder.launch")
+    [node] = loaded_launch("platform:=second", file="recorder.launch").nodes
+    assert node.name == "data_recorder_second"
+
+
+def loaded_launch(*words: str, file: str = "autonomy.launch"):
     load = pytest.importorskip("roslaunch.config", reason="needs ROS").load_config_default
-    return load([(str(ROOT / "launch" / "autonomy.launch"), list(words))], None)
+    return load([(str(ROOT / "launch" / file), list(words))], None)
 
 
 @pytest.mark.parametrize("words", [(), ("overrides:=autopilot.backend=mavros",), ("processes:=forked",)])
