@@ -33,7 +33,7 @@ from amaze_autonomy.nodes.recorder.flight_pages import FlightPages
 from amaze_autonomy.nodes.recorder.node import AbsentPlatform, DataRecorderNode, RecorderMemory, make_recorder
 from amaze_autonomy.nodes.recorder.platform import CpuLoad, RecorderPlatform, processor_ticks
 from amaze_autonomy.nodes.recorder.processes import DiskSync, Subscriptions
-from amaze_autonomy.nodes.recorder.settings import RecorderShare, recordings_folder
+from amaze_autonomy.nodes.recorder.settings import RecorderShare, collector_setup, platform_setup, recordings_folder
 from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, ProcessStatus, Status
@@ -141,6 +141,7 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
         mission_id="m",
         stopped_ns=5,
         flights=[[1, 4]],
+        wanted=collector_setup(configuration).wanted,
     )
     request = Collection(configuration, transfers).request(tmp_path / "s1_m", collector)
     assert request["output"] == str(tmp_path / "s1_m" / "s1_m.bag")
@@ -148,6 +149,12 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
         ("main", "/rec/main", False),
         ("second", str(tmp_path / "s1_m" / "second"), True),
     ]
+    wanted = [each["wanted"] for each in request["sources"]]
+    images = {"topics": ["/realsense/image_raw", "/realsense/imu"], "match": [], "exclude": ""}
+    assert (list(wanted[0]), wanted[1]) == (["states", "sensors", "cameras"], {"realsense": images})
+    assert wanted[0]["states"]["topics"][:3] == ["/autonomy/journal", "/autonomy/state", "/watchdog/action"]
+    listed = [platform_setup(configuration, name).groups for name in ("main", "second")]
+    assert wanted == [{group.name: group.configured for group in groups} for groups in listed]
     told = {name: request["facts"][name] for name in ("stopped_ns", "flights", "tolerated_topics", "absent")}
     assert told == {"stopped_ns": 5, "flights": [[1, 4]], "tolerated_topics": (), "absent": ["third"]}
 
@@ -164,7 +171,7 @@ def test_what_a_stranger_says_of_a_parts_place_is_neither_fetched_nor_merged(tmp
     assert jobs.fetch(transfer, str(elsewhere), session / "second", lambda _: None) == words
     assert not session.exists()
     view = SimpleNamespace(offsets={}, part=PlatformStatus("second", location=str(elsewhere)))
-    collector = SimpleNamespace(views={"second": view}, setup=SimpleNamespace(own="main"))
+    collector = SimpleNamespace(views={"second": view}, setup=SimpleNamespace(own="main"), wanted={})
     collection = Collection(load_configuration(config_folder()), {"second": transfer})
     assert collection.source(session, collector, "second")["folder"] == str(session / "second")
     view.part = PlatformStatus("second", location=f"{tmp_path}/disk/s1_m/second")

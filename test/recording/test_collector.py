@@ -8,6 +8,7 @@ from recording_story import PHASE, Fleet, S
 
 from amaze_autonomy.recording import Answer, Collector
 from amaze_autonomy.recording.collector import Offset
+from amaze_autonomy.recording.configured import configured
 from amaze_autonomy.recording.status import (
     Ask,
     Collect,
@@ -640,3 +641,28 @@ def test_what_the_flight_lacks_is_in_the_status_of_a_complete_recording_and_nowh
     assert (fleet.status.phase, fleet.status.lost) == (PHASE.COMPLETE, "a: 1 s; b: 2 s")
     fleet.collector.start(fleet.now_ns, "s2", "m")
     assert fleet.status.lost == ""
+
+
+def test_what_was_wanted_of_a_session_is_what_was_configured_when_it_began():
+    """Who changes the configuration after the flight, and collects then, has lost nothing by that."""
+    before, after = ({"main": {"states": configured([topic])}} for topic in ("/a", "/b"))
+    fleet, later = Fleet(wanted=before), Fleet(wanted=after)
+    fleet.start()
+    assert fleet.collector.wanted == before
+    later.collector.remember(0, json.loads(json.dumps(fleet.collector.memory())))
+    assert later.collector.wanted == before
+    assert later.start() == Answer(accepted=True, message="already so")
+    assert later.collector.wanted == before
+    later.collector.interrupted(later.now_ns)
+    assert later.start("s2") == Answer(accepted=True)
+    assert later.collector.wanted == after
+
+
+def test_of_a_session_of_an_earlier_version_what_is_configured_now_was_wanted():
+    fleet = Fleet()
+    fleet.start()
+    memory = fleet.collector.memory()
+    del memory["wanted"]
+    later = Fleet(wanted={"main": {}})
+    later.collector.remember(0, memory)
+    assert later.collector.wanted == {"main": {}}

@@ -10,6 +10,7 @@ from replay_bags import START_NS, make, write_empty_bag
 
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.recording.configured import configured
 from amaze_autonomy.recording.errors import RecordingError, TransferError
 from amaze_autonomy.recording.job import Plan, Source, collect
 from amaze_autonomy.recording.parts import close_parts
@@ -249,6 +250,23 @@ def test_a_platform_that_recorded_nothing_of_the_session_is_a_loss_of_the_flight
     session = two_platforms(tmp_path)
     summary = collect(plan(session, facts={"absent": ["third"], "flights": []}))
     assert summary.lost_in_flight == ("third: its part, nothing of this session is there",)
+
+
+def test_a_platform_with_another_copy_of_the_configuration_lacks_what_the_collectors_has(tmp_path):
+    """/d was added to its group on the collector's computer; the other one's folder is last week's."""
+    session = two_platforms(tmp_path)
+    wanted = {"realsense": configured(["/c", "/d"])}
+    lost = "second: /d is not in its configuration"
+    for listed, words in (({}, ()), ({"configured": {"realsense": configured(["/c"])}}, (lost,))):
+        close_parts(session / "second", {**FACTS, "platform": "second", **listed})
+        main, second = plan(session).sources
+        asked = Plan(session / "s1_m.bag", (main, second._replace(wanted=wanted)), facts={"flights": []})
+        assert collect(asked).lost_in_flight == words
+        assert manifest(session)["platforms"]["second"]["lost"] == [each.replace("second: ", "") for each in words]
+    tolerated = collect(asked._replace(facts={"tolerated_topics": ["/d"]}))
+    assert (tolerated.lost, tolerated.lost_in_flight) == ((lost,), ())
+    close_parts(session / "second", {**FACTS, "configured": {"other": configured(["/d", "/c", "/e"])}})
+    assert collect(asked).lost == (), "it records more, and into another file"
 
 
 def test_what_another_platform_recovered_is_in_it_although_the_undo_file_stays_there(tmp_path):

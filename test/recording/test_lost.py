@@ -2,7 +2,8 @@
 
 from replay_bags import START_NS
 
-from amaze_autonomy.recording.losses import Loss, Wanted
+from amaze_autonomy.recording.configured import configured
+from amaze_autonomy.recording.losses import Loss, Wanted, not_configured
 from amaze_autonomy.recording.losses import losses as all_losses
 
 S = 1_000_000_000
@@ -167,3 +168,45 @@ def test_the_beginning_and_the_end_of_tolerated_topics_do_not_count():
     content = {"files": [], "recorded": {"cameras": [22 * S, 50 * S]}}
     wanted = Wanted(80 * S, ((10 * S, 70 * S),), frozenset({"/left"}), {"cameras": ["/left"]})
     assert [each.counts for each in all_losses(content, wanted)] == [False, False]
+
+
+# --- another configuration --------------------------------------------------------------------------------------------
+
+
+def not_there(wanted, *listed, tolerated=()):
+    """Return what is lost of a group that is wanted, by a part whose list has these groups."""
+    groups = {f"group{number}": each for number, each in enumerate(listed)}
+    return not_configured({"configured": groups}, {"realsense": wanted}, frozenset(tolerated))
+
+
+IMAGE, DEPTH, IMU = (f"/realsense/{name}" for name in ("image", "depth", "imu"))
+
+
+def test_a_topic_that_a_platform_was_never_told_to_record_is_a_loss():
+    wanted = configured([IMAGE, DEPTH, IMU])
+    assert not_there(wanted, configured([IMAGE])) == [Loss(f"{DEPTH} and {IMU} are not in its configuration")]
+    assert not_there(wanted, configured([IMAGE, IMU])) == [Loss(f"{DEPTH} is not in its configuration")]
+    assert not_there(wanted) == [Loss(f"{IMAGE}, {DEPTH} and {IMU} are not in its configuration")]
+
+
+def test_what_is_recorded_in_another_group_or_besides_is_no_loss():
+    wanted = configured([IMAGE, DEPTH])
+    assert not_there(wanted, configured([DEPTH, "/more"]), configured([IMAGE])) == []
+
+
+def test_a_topic_that_a_platform_lacks_and_that_is_tolerated_does_not_count():
+    assert not_there(configured([IMAGE, DEPTH]), configured([]), tolerated=[DEPTH]) == [
+        Loss(f"{IMAGE} is not in its configuration"),
+        Loss(f"{DEPTH} is not in its configuration", counts=False),
+    ]
+
+
+def test_expressions_are_compared_as_they_are_written():
+    wanted = configured([], ["/cam/.*", "/lrf/.*"], "/cam/raw.*")
+    lost = ["topics that match /cam/.* (without /cam/raw.*) are not in its configuration"]
+    lost.append(lost[0].replace("/cam/.* ", "/lrf/.* "))
+    assert [each.words for each in not_there(wanted, configured([]), tolerated=["/cam/left"])] == lost
+    assert not_there(wanted, configured([], ["/lrf/.*"], "/cam/raw.*")) == [Loss(lost[0])]
+    assert not_there(wanted, configured([], ["/lrf/.*", "/cam/.*"])) == [], "it excludes nothing"
+    assert not_there(wanted, configured([], [".*"])) == [], "it records all"
+    assert not_there(wanted, configured([], ["/lrf/.*", "/cam/.*"], ".*")) == [Loss(each) for each in lost]

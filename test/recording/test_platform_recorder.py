@@ -1,11 +1,13 @@
 """The recorder of one platform: it proves, restarts, stops with limits, and goes on where a process of it ended."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from recording_story import EPOCH_NS, PHASE, Platform, S, recorded_memory, recording, recovered, stopped
 
-from amaze_autonomy.recording import Answer
+from amaze_autonomy.recording import Answer, GroupSetup, PlatformRecorder
+from amaze_autonomy.recording.configured import configured
 from amaze_autonomy.recording.status import Recover, Signal, StartChild
 
 
@@ -577,3 +579,39 @@ def test_files_that_are_removed_in_flight_are_said_at_once_and_a_new_one_is_begu
     (gap,) = platform.machine.facts()["gaps"]
     assert (gap["ending"], gap["file"], gap["from_ns"]) == ("its files were removed", 2, EPOCH_NS + 100_000_000)
     assert gap["seconds"] >= 5.0, "all that they held is lost"
+
+
+def with_groups(platform, **topics):
+    """Give a machine another configuration, as the next process of its node reads it."""
+    groups = tuple(GroupSetup(name, tuple(each)) for name, each in topics.items())
+    platform.machine = PlatformRecorder(replace(platform.machine.setup, groups=groups))
+    return platform
+
+
+def test_the_list_of_a_part_says_what_its_recorders_were_told_to_record():
+    platform = recording()
+    listed = {"states": configured(["/states"]), "cameras": configured(["/cameras"])}
+    assert platform.machine.facts()["configured"] == listed
+
+
+def test_a_configuration_that_comes_later_does_not_change_what_was_recorded():
+    """The folder is copied after the flight, and the node started again: its list has what its recorders were told."""
+    first = stopped(recording())
+    later = Platform(groups=("states", "cameras", "depth"))
+    with_groups(later, states=["/states", "/more"], cameras=["/cameras"], depth=["/depth"])
+    later.machine.remember(0, recorded_memory(first), same_boot=True)
+    assert later.machine.facts()["configured"] == first.machine.facts()["configured"]
+    assert later.start() == Answer(accepted=True)
+    later.numbers = dict.fromkeys(later.numbers, 1)
+    later.turn()
+    told = later.machine.facts()["configured"]
+    assert told == {**first.machine.facts()["configured"], "depth": configured(["/depth"])}
+
+
+def test_of_a_session_of_an_earlier_version_what_is_configured_now_is_listed():
+    memory = recorded_memory(stopped(recording()))
+    for group in memory["groups"].values():
+        del group["configured"]
+    later = with_groups(Platform(), states=["/states", "/more"])
+    later.machine.remember(0, memory, same_boot=True)
+    assert later.machine.facts()["configured"] == {"states": configured(["/states", "/more"])}

@@ -20,7 +20,7 @@ the shortest round trip counts.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import combinations
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -218,6 +218,7 @@ class CollectorSetup:
         transfer_limit_ns: time in which everything must be here; what still comes is waited for until nothing more came
             for as long.
         keep_parts: whether parts are kept in the end.
+        wanted: the groups of each platform, as its recorders are told them (`configured.py`).
     """
 
     own: str
@@ -228,6 +229,7 @@ class CollectorSetup:
     stop_limit_ns: int = 30 * SECOND
     transfer_limit_ns: int = 900 * SECOND
     keep_parts: bool = True
+    wanted: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 class Collector:
@@ -254,6 +256,7 @@ class Collector:
         self._begun = 0  # how often the session was: it may go on after its end
         self.stopped_ns: Optional[int] = None
         self.flights: Optional[List[List[Optional[int]]]] = None  # from takeoff to landing; None: nobody said
+        self.wanted = setup.wanted  # when the session began: who collects it later may have another configuration
         self._engine_ns: Optional[int] = None
         self._engine: Optional[Tuple[int, str, bool]] = None  # its last status: when it came, session, in flight
 
@@ -274,7 +277,7 @@ class Collector:
             self.views = {name: view.fresh() for name, view in self.views.items()}
             self.location, self._copied, self._summary = "", False, {}
             self.flights = self._engine_ns = None
-            self._begun = 0
+            self._begun, self.wanted = 0, self.setup.wanted
         self._begun += 1
         self.session_id, self.mission_id, self.stopped_ns = session_id, mission_id, None
         self._uncollected = False
@@ -658,6 +661,7 @@ class Collector:
             "summary": dict(self._summary),
             "stopped_ns": self.stopped_ns,
             "flights": None if self.flights is None else [list(each) for each in self.flights],
+            "wanted": {name: dict(groups) for name, groups in self.wanted.items()},
             "platforms": {view.name: view.memory() for view in self.views.values()},
         }
 
@@ -680,6 +684,7 @@ class Collector:
             view.anew = phase is Phase.STOPPING and self._uncollected
         self._summary, self.stopped_ns = dict(memory["summary"]), memory.get("stopped_ns")
         self.flights = memory.get("flights")
+        self.wanted = {str(name): dict(groups) for name, groups in memory.get("wanted", self.setup.wanted).items()}
 
 
 _TURNS: Mapping[Phase, Callable[[Collector, int], List[Command]]] = {

@@ -36,7 +36,7 @@ from amaze_autonomy.whole_file import sha256_of
 
 from .collector import Offset, clock_step_ns
 from .errors import RecordingError
-from .losses import EDGE_NS, Loss, Wanted, losses
+from .losses import EDGE_NS, Loss, Wanted, losses, not_configured
 from .parts import Part, check_arrived, close_parts, recover_damaged, whole_bags
 
 # --- one verified recording -------------------------------------------------------------------------------------------
@@ -55,6 +55,7 @@ class Source(NamedTuple):
         far: it was recorded on another computer, whose clock is another one.
         correction_ns: added to its record times.
         clock: what was measured of its clock, for the manifest.
+        wanted: its groups by the configuration of the collector.
     """
 
     platform: str
@@ -63,6 +64,7 @@ class Source(NamedTuple):
     far: bool = False
     correction_ns: int = 0
     clock: Mapping[str, Any] = {}
+    wanted: Mapping[str, Any] = {}
 
 
 class Plan(NamedTuple):
@@ -218,7 +220,9 @@ def _inputs(plan: Plan) -> _Inputs:
     for origin, source in enumerate(plan.sources):
         content = check_arrived(source.folder, checksums=source.fetched)
         parts = whole_bags(source.folder, content, plan.output.parent / source.platform)
-        gone = _stepped(source) + _lost_here(content, parts, _wanted(plan, source, content))
+        wanted = _wanted(plan, source, content)
+        gone = _stepped(source) + _lost_here(content, parts, wanted)
+        lacking = not_configured(content, source.wanted, wanted.tolerated)
         found.paths.extend(part.path for part in parts)
         found.offsets_ns.extend([source.correction_ns] * len(parts))
         found.origins.extend([origin] * len(parts))
@@ -228,6 +232,7 @@ def _inputs(plan: Plan) -> _Inputs:
             if each.get("listed_as") and each.get("lost") != 0:
                 found.recovered.append(source.folder / str(each.get("recovered_from")))
         found.lost.extend(each._replace(words=f"{source.platform}/{each.words}") for each in gone)
+        found.lost.extend(each._replace(words=f"{source.platform}: {each.words}") for each in lacking)
         found.platforms[source.platform] = {
             "clock": dict(source.clock),
             "correction_ns": source.correction_ns,
@@ -235,7 +240,7 @@ def _inputs(plan: Plan) -> _Inputs:
             "dropped_warnings": content.get("dropped", 0),
             "missing_numbers": content.get("missing", {}),
             "uncounted_topics": content.get("uncounted", []),
-            "lost": [each.words for each in gone],
+            "lost": [each.words for each in (*gone, *lacking)],
         }
     if not found.paths:
         raise RecordingError(f"{plan.output}: there is no bag on any platform, nothing was recorded; look at the logs")

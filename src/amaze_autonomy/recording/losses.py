@@ -27,6 +27,7 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.read import Loader, Pool, words
 from amaze_autonomy.units import SECOND
 
+from .configured import Configured, lacking
 from .status import STOPPED
 
 # --- numbers in headers -----------------------------------------------------------------------------------------------
@@ -483,3 +484,33 @@ def _of_drops(warnings: int, missing: Mapping[str, int], wanted: Wanted) -> List
     most = max(warnings, counted)
     words = f"at least {most:,} message{'' if most == 1 else 's'} dropped ({'; '.join(why)})"
     return [Loss(words, bool(warnings) or not wanted.tolerated.issuperset(missing))]
+
+
+# --- another configuration --------------------------------------------------------------------------------------------
+
+
+def not_configured(
+    content: Mapping[str, Any], wanted: Mapping[str, Configured], tolerated: FrozenSet[str]
+) -> List[Loss]:
+    """Return what was wanted of a part and is not in the configuration that it was recorded by.
+
+    Args:
+        content: its list.
+        wanted: the groups of its platform in the collector's configuration.
+        tolerated: topics that may be lost.
+    """
+    topics, expressions = lacking(content, wanted)
+    found = [
+        Loss(f"{_listed(names)} not in its configuration", counts)
+        for names, counts in (
+            ([topic for topic in topics if topic not in tolerated], True),
+            ([topic for topic in topics if topic in tolerated], False),
+        )
+        if names
+    ]
+    return found + [Loss(f"topics that match {each} are not in its configuration") for each in expressions]
+
+
+def _listed(names: Sequence[str]) -> str:
+    *others, last = names
+    return f"{', '.join(others)} and {last} are" if others else f"{last} is"

@@ -30,6 +30,7 @@ from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Tuple
 from amaze_autonomy.engine.events import RecordingPhase as Phase
 from amaze_autonomy.units import MB, SECOND
 
+from .configured import Configured, common, configured
 from .status import (
     STOPPED,
     WRITING,
@@ -111,6 +112,7 @@ class Group:
         self.dropped = 0
         self.gaps: List[Gap] = []
         self.shift_ns: Optional[int] = None  # from this machine's time to what messages are stamped with
+        self.told: Optional[Configured] = None  # what all its recorders were told to record
         self.span = dict(_UNSEEN)  # number of the first recorder that was subscribed, and since when; until when
         self._seen = GroupStatus(running=False)
         self._asked_ns: Optional[int] = None
@@ -143,9 +145,11 @@ class Group:
         if self.span["file"] is not None and self.shift_ns is not None:
             self.span["to_ns"] = t_ns + self.shift_ns
 
-    def take_number(self, t_ns: int) -> int:
-        """Return the number of the next file; a recorder for it is started now."""
+    def take_number(self, t_ns: int, told: Optional[Configured]) -> int:
+        """Return the number of the next file; a recorder for it is started now, and told what to record."""
         self.number += 1
+        if told is not None:
+            self.told = told if self.told is None else common(self.told, told)
         self._began_ns = t_ns if self._began_ns is None else self._began_ns
         self._asked_ns, self._born_size, self.writes = t_ns, None, False
         self._asked_size = self._seen.size
@@ -285,7 +289,8 @@ class Group:
     def memory(self) -> Dict[str, Any]:
         """Return what must outlive the process."""
         gaps = [dict(each) for each in self.gaps]
-        return {"number": self.number, "dropped": self.dropped, "gaps": gaps, "seen": dict(self.span)}
+        numbers = {"number": self.number, "dropped": self.dropped}
+        return {**numbers, "gaps": gaps, "seen": dict(self.span), "configured": self.told}
 
     @classmethod
     def of_memory(cls, name: str, memory: Mapping[str, Any], *, writing: bool) -> Group:
@@ -294,6 +299,8 @@ class Group:
         group.number, group.dropped = int(memory["number"]), int(memory["dropped"])
         group.gaps = [dict(each) for each in memory["gaps"]]
         group.span = dict(memory.get("seen", _UNSEEN))
+        told = memory.get("configured")
+        group.told = None if told is None else configured(**told)
         group.running = writing  # if it is not any more, that is seen
         group._taken_over = True  # nobody saw when its files grew last; they know
         return group
@@ -315,12 +322,19 @@ class GroupSetup:
     Args:
         name: of the group.
         topics: that its recorder must be subscribed to.
-        named: it records no others.
+        match: expressions of others that it records.
+        exclude: expression of those that it does not, where there is `match`.
     """
 
     name: str
     topics: Tuple[str, ...]
-    named: bool = True
+    match: Tuple[str, ...] = ()
+    exclude: str = ""
+
+    @property
+    def configured(self) -> Configured:
+        """Return what its recorders are told to record."""
+        return configured(self.topics, self.match, self.exclude)
 
 
 @dataclass(frozen=True)
@@ -476,7 +490,8 @@ class PlatformRecorder:
         removed = [group for group in self.groups.values() if group.stop_for_removal(t_ns)]
         wanting = [group for group in self.groups.values() if group.wants_child(t_ns)]
         commands: List[Command] = [*self._wake(), *(Signal(group.name, "INT") for group in removed)]
-        commands += [StartChild(group.name, group.take_number(t_ns)) for group in wanting]
+        now = self._configured
+        commands += [StartChild(group.name, group.take_number(t_ns, now.get(group.name))) for group in wanting]
         if self.phase is Phase.STARTING and self.groups and self._proven():
             self._enter(Phase.RECORDING, t_ns)
         return commands
@@ -551,12 +566,18 @@ class PlatformRecorder:
         """Return how many messages were dropped, at least: a recorder warns once in five seconds."""
         return sum(group.dropped for group in self.groups.values())
 
+    @property
+    def _configured(self) -> Dict[str, Configured]:
+        return {each.name: each.configured for each in self.setup.groups}
+
     def facts(self) -> Dict[str, Any]:
         """Return what the list of its part says of the recording."""
+        told = {name: group.told or self._configured.get(name) for name, group in self.groups.items()}
         return {
             "session_id": self.session_id,
             "platform": self.setup.name,
-            "topics": {each.name: list(each.topics) for each in self.setup.groups if each.named},
+            "topics": {each.name: list(each.topics) for each in self.setup.groups if not each.match},
+            "configured": {name: each for name, each in told.items() if each is not None},
             "gaps": [gap for group in self.groups.values() for gap in group.gaps],
             "seen": {name: dict(group.span) for name, group in self.groups.items()},
             "dropped": self.dropped,

@@ -30,8 +30,8 @@ from ...ros.interface import ros_time
 from ...ros.service_client import ServiceClient
 from ..autonomy.run_folder import registered
 from .flight_pages import FlightPages
-from .platform import RecorderPlatform, resolved
-from .settings import RecorderShare, collector_setup, transfers
+from .platform import RecorderPlatform
+from .settings import RecorderShare, collector_setup, resolved, transfers
 
 # --- the way to the other platforms -----------------------------------------------------------------------------------
 
@@ -416,6 +416,7 @@ class Collection:
             "far": not own,
             "correction_ns": correction if self._configuration.recording.apply_clock_offset else 0,
             "clock": {when: offset.as_json() for when, offset in sorted(view.offsets.items())},
+            "wanted": collector.wanted.get(name, {}),
         }
 
     def copy_journal(self, folder: Path, session_id: str, *, again: bool = False) -> None:

@@ -37,11 +37,12 @@ class RecorderPlatform:
         self._share, self.name = share, name
         recording = share.configuration.recording
         groups = {group.name: group for group in recording.groups_of(name)}
-        topics = {each: resolved(group.topics) for each, group in groups.items()}
+        setup = platform_setup(share.configuration, name)
+        topics = {each.name: each.topics for each in setup.groups}
         nodes = {each: rospy.resolve_name(f"record_{name}_{each}") for each in groups}
         self._groups = tuple(groups.values())
         self._children = RecorderChildren(groups, topics, nodes, recording.storage, recorder_program())
-        self.machine = PlatformRecorder(platform_setup(share.configuration, name, topics))
+        self.machine = PlatformRecorder(setup)
         self._master, self.disk, self._cpu = MasterView(), DiskSync(), CpuLoad()
         self.commands: Mapping[Type[Any], Callable[[Any], None]] = {
             asked.StartChild: self._start_child,
@@ -179,17 +180,11 @@ class RecorderPlatform:
 
 
 # --- recorder topics --------------------------------------------------------------------------------------------------
-# Names of the topics that are recorded, and what the master says about who publishes and subscribes to them.
+# What the master says about who publishes and subscribes to the topics that are recorded.
 
 
 _PERIOD_NS = 500_000_000
 _FRESH_S = 5.0
-
-
-def resolved(topics: Sequence[str]) -> Tuple[str, ...]:
-    """Return names as the recorder takes them; ~ is the autonomy node's private namespace."""
-    names = [rospy.resolve_name(name.replace("~", "autonomy/", 1)) for name in topics]
-    return tuple(dict.fromkeys(names))
 
 
 class MasterView:

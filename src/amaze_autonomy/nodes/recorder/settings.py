@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Sequence, Type
+from typing import Any, Callable, Dict, List, Sequence, Tuple, Type
 
 import rospy
 
@@ -68,6 +68,18 @@ def transfers(configuration: Configuration) -> Dict[str, Transfer]:
     return {name: replace(each, by=way) if way else each for name, each in known.items()}
 
 
+def resolved(topics: Sequence[str]) -> Tuple[str, ...]:
+    """Return names as the recorder takes them; ~ is the autonomy node's private namespace."""
+    names = [rospy.resolve_name(name.replace("~", "autonomy/", 1)) for name in topics]
+    return tuple(dict.fromkeys(names))
+
+
+def _group_setups(configuration: Configuration, name: str) -> Tuple[GroupSetup, ...]:
+    """Return the groups of a platform, their topics resolved."""
+    groups = configuration.recording.groups_of(name)
+    return tuple(GroupSetup(each.name, resolved(each.topics), each.match, each.exclude) for each in groups)
+
+
 def collector_setup(configuration: Configuration) -> CollectorSetup:
     """Return what the collector's machine needs."""
     recording = configuration.recording
@@ -81,16 +93,19 @@ def collector_setup(configuration: Configuration) -> CollectorSetup:
         stop_limit_ns=recording.stop_limit_ns,
         transfer_limit_ns=max((each.transfer.limit_ns for each in others), default=0),
         keep_parts=recording.keep_parts,
+        wanted={
+            each.name: {group.name: group.configured for group in _group_setups(configuration, each.name)}
+            for each in recording.platforms
+        },
     )
 
 
-def platform_setup(configuration: Configuration, name: str, topics: Mapping[str, Sequence[str]]) -> PlatformSetup:
-    """Return what the machine of a platform needs; `topics` are those of each of its groups, resolved."""
+def platform_setup(configuration: Configuration, name: str) -> PlatformSetup:
+    """Return what the machine of a platform needs."""
     recording = configuration.recording
-    named = {group.name for group in recording.groups_of(name) if not group.match}
     return PlatformSetup(
         name=name,
-        groups=tuple(GroupSetup(group, tuple(names), group in named) for group, names in topics.items()),
+        groups=_group_setups(configuration, name),
         growth_limit_ns=recording.growth_limit_ns,
         stop_limit_ns=recording.stop_limit_ns,
         reserve_bytes=reserve_bytes(recording.storage),
