@@ -309,6 +309,28 @@ def test_clocks_that_are_three_seconds_apart_are_corrected_when_that_is_asked(tm
     assert [each["offset_ns"] for each in manifest(session)["inputs"]] == [0, -3 * S]
 
 
+@pytest.mark.parametrize("keys", [("file", "bytes", "messages", "sha256"), ("file", "bytes", "sha256")])
+@pytest.mark.parametrize("measured", [True, False])
+def test_the_part_of_an_own_recorder_needs_a_list_of_its_files_and_no_more(tmp_path, keys, measured):
+    """Its files may have any name, and its clock may be none that anybody could measure."""
+    session = two_platforms(tmp_path)
+    folder = session / "second"
+    (folder / "realsense-01.bag").rename(folder / "my recorder.bag")
+    [entry] = json.loads((folder / "parts.json").read_text())["files"]
+    own = {**{key: entry[key] for key in keys}, "file": "my recorder.bag"}
+    (folder / "parts.json").write_text(json.dumps({"files": [own]}))
+    main, second = plan(session).sources
+    wanted = {"realsense": configured(["/c", "/d"])}
+    second = second._replace(wanted=wanted, clock=second.clock if measured else {})
+    flight = {"flights": [[START_NS, START_NS + S]], "stopped_ns": START_NS + 2 * S}
+    summary = collect(Plan(session / "s1_m.bag", (main, second), facts=flight))
+    assert (summary.messages, summary.lost) == (900, ())
+    for fetched in (True, False):
+        (folder / "parts.json").write_text(json.dumps({"files": [{**own, "sha256": None, "bytes": 1}]}))
+        with pytest.raises(TransferError):
+            collect(Plan(session / "s1_m.bag", (main, second._replace(fetched=fetched)), facts=flight))
+
+
 def test_an_empty_bag_and_a_bag_without_messages_do_no_harm(tmp_path):
     session = two_platforms(tmp_path)
     write_empty_bag(session / "second" / "other-01.bag")

@@ -59,8 +59,7 @@ def test_a_mission_by_set_points_has_what_follows_their_loss_compared():
         ),
         (
             "link: {vehicle_id: 0}\nplanner_link: {vehicle_id: 0}\n",
-            "autopilot.yaml:1: link.vehicle_id: is 0; must be the vehicle's own: two nodes that take the first one "
-            "they hear may take two",
+            "autopilot.yaml:1: link.vehicle_id: is 0; must be a whole number, 1 to 255",
         ),
         (
             "planner_link:\n  component_id: 1\n",

@@ -179,7 +179,7 @@ _LINK_ROWS: Tuple[Row, ...] = (
     ("url", Url(), "where the vehicle is", "as MAVLink people write it; docs/autopilot.md"),
     ("system_id", Whole(1, 255), "own system id", "by convention that of the vehicle"),
     ("component_id", Whole(1, 255), "own component id", "another for each node that speaks on a link"),
-    ("vehicle_id", Whole(0, 255), "system id of the vehicle, the same in both links", "several vehicles may share a radio: the one that is checked is the one that flies"),
+    ("vehicle_id", Whole(1, 255), "system id of the vehicle, the same in both links", "several vehicles may share a radio: the one that is checked is the one that flies"),
     ("key_file", Text("a file", r"[^\x00-\x1f\x7f]*"), "with the key for signing; empty: nothing is signed or verified", "chmod 600; the time stamp of signatures is kept beside it"),
     ("ground_station", Flag(), "announce itself as a ground station", "PX4 withholds its texts on a link where it hears none, but then also misses no lost ground station"),
 )
@@ -297,10 +297,6 @@ def _check_links(values: Mapping[str, Any], places: Places) -> None:
         as_link = "as link.url" if planner["url"] == link["url"] else f"as link.url is ({link['url']!r})"
         right = "must be an endpoint of its own; a router shares a serial port (docs/autopilot.md)"
         refuse_at(("planner_link", "url"), places, f"is {planner['url']!r}, {as_link}", right)
-    for name, own in (("link", link), ("planner_link", planner)):
-        if own["vehicle_id"] == 0:
-            right = "must be the vehicle's own: two nodes that take the first one they hear may take two"
-            refuse_at((name, "vehicle_id"), places, "is 0", right)
     names = ("system_id", "component_id")
     if all(planner[name] == link[name] for name in names):
         right = "must be another one: each node that speaks has its own"
