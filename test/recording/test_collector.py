@@ -8,7 +8,6 @@ from recording_story import PHASE, Fleet, S
 
 from amaze_autonomy.recording import Answer, Collector
 from amaze_autonomy.recording.collector import Offset
-from amaze_autonomy.recording.configured import configured
 from amaze_autonomy.recording.status import (
     Ask,
     Collect,
@@ -18,6 +17,7 @@ from amaze_autonomy.recording.status import (
     Status,
     StopTransfer,
     Transfer,
+    configured,
 )
 
 SUMMARY = {"problem": "", "location": "/rec/s1.bag", "message": "1 MB, nothing was lost", "verified": True}

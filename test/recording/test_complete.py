@@ -10,10 +10,10 @@ from replay_bags import START_NS, make, write_empty_bag
 
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.recording.configured import configured
 from amaze_autonomy.recording.errors import RecordingError, TransferError
 from amaze_autonomy.recording.job import Plan, Source, collect
 from amaze_autonomy.recording.parts import close_parts
+from amaze_autonomy.recording.status import configured
 
 S = 1_000_000_000
 

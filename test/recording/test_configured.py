@@ -2,7 +2,7 @@
 
 import pytest
 
-from amaze_autonomy.recording.configured import common, configured, lacking
+from amaze_autonomy.recording.status import common, configured, lacking
 
 IMAGE, DEPTH, IMU = (f"/realsense/{name}" for name in ("image", "depth", "imu"))
 

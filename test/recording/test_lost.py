@@ -2,9 +2,9 @@
 
 from replay_bags import START_NS
 
-from amaze_autonomy.recording.configured import configured
 from amaze_autonomy.recording.losses import Loss, Wanted, not_configured
 from amaze_autonomy.recording.losses import losses as all_losses
+from amaze_autonomy.recording.status import configured
 
 S = 1_000_000_000
 GAP = {"group": "cameras", "file": 2, "seconds": 0.42, "ending": "killed by SIGKILL"}

@@ -7,8 +7,7 @@ import pytest
 from recording_story import EPOCH_NS, PHASE, Platform, S, recorded_memory, recording, recovered, stopped
 
 from amaze_autonomy.recording import Answer, GroupSetup, PlatformRecorder
-from amaze_autonomy.recording.configured import configured
-from amaze_autonomy.recording.status import Recover, Signal, StartChild
+from amaze_autonomy.recording.status import Recover, Signal, StartChild, configured
 
 
 def test_goes_all_the_way_from_idle_to_a_complete_part():

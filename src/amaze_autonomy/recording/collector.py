@@ -218,7 +218,7 @@ class CollectorSetup:
         transfer_limit_ns: time in which everything must be here; what still comes is waited for until nothing more came
             for as long.
         keep_parts: whether parts are kept in the end.
-        wanted: the groups of each platform, as its recorders are told them (`configured.py`).
+        wanted: the groups of each platform, as its recorders are told them (`configured` of status.py).
     """
 
     own: str

@@ -27,8 +27,7 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.read import Loader, Pool, words
 from amaze_autonomy.units import SECOND
 
-from .configured import Configured, lacking
-from .status import STOPPED
+from .status import STOPPED, Configured, lacking
 
 # --- numbers in headers -----------------------------------------------------------------------------------------------
 

@@ -30,12 +30,12 @@ from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Tuple
 from amaze_autonomy.engine.events import RecordingPhase as Phase
 from amaze_autonomy.units import MB, SECOND
 
-from .configured import Configured, common, configured
 from .status import (
     STOPPED,
     WRITING,
     Answer,
     Command,
+    Configured,
     GroupStatus,
     PlatformStatus,
     ProcessStatus,
@@ -43,6 +43,8 @@ from .status import (
     Signal,
     StartChild,
     Status,
+    common,
+    configured,
 )
 from .storage import time_left_s
 
