@@ -7,7 +7,7 @@ import pytest
 from bag_tools import MS, bag, contents, digest, every_kill, rows, unclosed
 from part_tools import FACTS, killed, part, plan, small_storage, two_platforms
 from replay_bags import START_NS, make
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from test_header_numbers import inertial, numbered
 
 from amaze_autonomy.bags.errors import BagError
@@ -308,7 +308,7 @@ def test_a_comment_that_is_not_utf_8_hinders_no_merge_and_is_no_loss(session, na
 @NAMES
 @pytest.mark.parametrize("tolerated", [[], ["/d"]])
 def test_a_definition_that_is_damaged_hinders_no_merge_and_is_a_loss(session, name, tolerated):
-    """Every message is there, and nobody can decode it; the rosbags library decodes no topic of such a bag at all."""
+    """Every message is there, and nobody can decode it; the newer rosbags libraries refuse the whole bag."""
     described(session, name, [numbers("/d")], b"i", b"\xb0")
     words = (f"/d: {UNDECODABLE}",)
     for _ in range(2):
@@ -317,8 +317,6 @@ def test_a_definition_that_is_damaged_hinders_no_merge_and_is_a_loss(session, na
         assert summary.messages == 950
         made = manifest(session)
         assert (made["verified"]["ok"], made["warnings"], made["lost"]) == (True, [*words], [*words])
-    with pytest.raises(AnyReaderError), AnyReader([session / "s1_m.bag"]):
-        pass
 
 
 @NAMES
