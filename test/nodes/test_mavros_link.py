@@ -33,6 +33,10 @@ NO_FIELD = "'types.SimpleNamespace' object has no attribute 'mode_sent'"
 PX4 = mavlink.MAV_AUTOPILOT_PX4
 
 
+QUIET = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_, **_read: (), key=lambda *_: None)
+"""A client that says nothing."""
+
+
 def command(number, *parameters):
     given = (*parameters, *[0.0] * (7 - len(parameters)))
     return request_of(mavlink.MAVLink_command_long_message(1, 1, number, 0, *given), PX4)
@@ -100,8 +104,7 @@ def complaints():
 
 @pytest.fixture
 def link(services, complaints):
-    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
-    made = MavrosLink("/mavros", client, CLIENT_MESSAGES, lambda: 0, complaints.append)
+    made = MavrosLink("/mavros", QUIET, CLIENT_MESSAGES, lambda: 0, complaints.append)
     made._announce = lambda: None
     threads = [threading.Thread(target=made._serve, args=(lane,)) for lane in Lane]
     made.begin = lambda: [each.start() for each in threads]
@@ -208,8 +211,7 @@ def test_of_what_mavros_receives_only_what_no_topic_has_is_looked_at(services, m
         mavros_link.rospy, "Subscriber", lambda topic, *_, **__: subscribed.append(topic) or subscriber.set()
     )
     monkeypatch.setattr(mavros_link.rospy, "get_param", lambda _name, default: default)
-    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
-    made = MavrosLink("/mavros", client, wanted, lambda: 0, lambda _: None)
+    made = MavrosLink("/mavros", QUIET, wanted, lambda: 0, lambda _: None)
     made._announce = lambda: None
     for _ in range(2):
         made._take(SimpleNamespace(connected=True, armed=False, mode=mode, system_status=3), mavros_link.STATE)
@@ -246,8 +248,7 @@ def test_the_number_of_the_vehicle_is_unknown_until_it_was_read_of_mavros(monkey
     """Behind a PX4 the planner never reads it."""
     monkeypatch.setattr(mavros_link.rospy, "Subscriber", lambda *_, **__: None)
     monkeypatch.setattr(mavros_link.rospy, "get_param", lambda name, _default: 7 if "system" in name else 1)
-    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
-    link, clock, said = linked(client, PLANNER_MESSAGES)
+    link, clock, said = linked(QUIET, PLANNER_MESSAGES)
     link._take(said, mavros_link.STATE)
     assert link.state.vehicle is None
     assert link_problem(link.state, clock.t_ns + 6 * S) == "the vehicle has fallen silent: no heartbeat for 5 s"
@@ -263,16 +264,20 @@ def received(caller, number, kind=74):
     return said
 
 
+def listening():
+    """Return a link that knows its autopilot, its clock, and what is taken of what mavros receives."""
+    link, clock, said = linked(QUIET, CLIENT_MESSAGES)
+    link._listens, taken = True, []
+    link._take(said, mavros_link.STATE)
+    link._take = lambda message, _source: taken.append(message)
+    return link, clock, taken
+
+
 @pytest.mark.parametrize("other_first", [False, True])
 def test_of_two_mavros_that_publish_on_one_topic_what_they_receive_ours_alone_counts(services, other_first):
     """Their own topics are below their names; what they receive is beside both: the battery of another vehicle, too."""
     assert services.called == []
-    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
-    link, clock, said = linked(client, CLIENT_MESSAGES)
-    link._listens = True
-    link._take(said, mavros_link.STATE)
-    taken = []
-    link._take = lambda message, _source: taken.append(message._connection_header["callerid"])
+    link, clock, taken = listening()
     if other_first:  # until ours has said something it may be a relay, or a recording
         link._take_received(received("/mavros_radio", 0, BATTERY))
     for number in range(500):
@@ -280,20 +285,16 @@ def test_of_two_mavros_that_publish_on_one_topic_what_they_receive_ours_alone_co
         link._take_received(received("/mavros", number, BATTERY))
         link._take_received(received("/mavros_radio", 120 + number, BATTERY))
         assert not link.state.strangers
-    assert taken == ["/mavros_radio"] * other_first + ["/mavros"] * 500
+    callers = [message._connection_header["callerid"] for message in taken]
+    assert callers == ["/mavros_radio"] * other_first + ["/mavros"] * 500
 
 
 def test_what_a_relay_hands_on_of_mavros_counts(services):
     assert services.called == []
-    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_: (), key=lambda *_: None)
-    link, _, said = linked(client, CLIENT_MESSAGES)
-    link._listens = True
-    link._take(said, mavros_link.STATE)
-    taken = []
-    link._take = lambda message, _source: taken.append(message.msgid)
+    link, _, taken = listening()
     link._take_received(received("/relay", 0, BATTERY))
     link._take_received(SimpleNamespace(msgid=BATTERY, framing_status=1, seq=1, sysid=1, compid=1))
-    assert taken == [BATTERY] * 2
+    assert [message.msgid for message in taken] == [BATTERY] * 2
 
 
 @pytest.mark.live
@@ -380,8 +381,7 @@ def test_the_master_is_told_of_set_points_at_the_start_and_not_in_flight(monkeyp
     monkeypatch.setattr(mavros_link.rospy, "Time", SimpleNamespace(now=lambda: 0))
     publisher = SimpleNamespace(publish=sent.append)
     monkeypatch.setattr(mavros_link.rospy, "Publisher", lambda topic, *_, **__: told.append(topic) or publisher)
-    client = SimpleNamespace(receive=lambda *_, **_heard: (), wake=lambda *_, **_read: (), key=lambda *_: None)
-    link = MavrosLink("/mavros", client, PLANNER_MESSAGES, lambda: 0, lambda _: None)
+    link = MavrosLink("/mavros", QUIET, PLANNER_MESSAGES, lambda: 0, lambda _: None)
     link._announce = lambda: None
     link.start()
     assert told == ["/mavros/setpoint_raw/local"]
