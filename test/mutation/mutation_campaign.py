@@ -21,7 +21,7 @@ from typing import Callable, Counter, Dict, Iterable, Iterator, List, NamedTuple
 from mutation_code import mutated, span
 from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT, Mutant
 from mutation_nets import MOST_S, PATHS, START_S, TIMES, Look, Seen, look, observe, start
-from mutation_results import RESULTS, read
+from mutation_results import RESULTS, Results, read
 
 COPIED = (
     "README.md",
@@ -96,6 +96,9 @@ class Campaign:
         self.trees = [self._copies / f"copy{number}" for number in range(jobs)]
         self.observed: Dict[str, Dict[str, Seen]] = {}
         self.catchers: Counter[Tuple[str, str]] = Counter()
+        kept = self.root / "test" / "mutation" / RESULTS.name
+        self._told = read(kept) if kept.is_file() else Results(0, 0, {}, ())
+        self._before = {(one.mutant.key, net): by for one in self._told.verdicts for net, by in one.caught_by.items()}
         self.known = dict(self._read())
 
     def _read(self) -> Iterator[Tuple[Tuple[str, str], str]]:
@@ -109,10 +112,7 @@ class Campaign:
 
     def _kept(self) -> Iterator[Tuple[Tuple[str, str], str]]:
         """Return what counts still of the campaign that the repository keeps: begun elsewhere, it goes on here."""
-        path = self.root / "test" / "mutation" / RESULTS.name
-        if not path.is_file():
-            return
-        told = read(path)
+        told = self._told
         for one in told.verdicts:
             name = one.mutant.place.path
             if name in self.code and told.code.get(name) == self.code[name]:
@@ -190,7 +190,14 @@ class Campaign:
             for name, (_, lines) in seen.items()
             if not begin or any(begin <= each <= end for each in lines.get(path, ()))
         ]
-        return tuple(sorted(names or seen, key=lambda name: (-self.catchers[path, name], seen[name].seconds)))
+        first = self._caught_before(task)
+        rank = {name: (name != first, -self.catchers[path, name], seen[name].seconds) for name in names or seen}
+        return tuple(sorted(rank, key=lambda name: rank[name]))
+
+    def _caught_before(self, task: Task) -> str:
+        """Return which world, test or scenario has caught it in the campaign that is kept, of whatever code."""
+        by = self._before.get((task.mutant.key, task.net), "")
+        return by.rpartition("(")[2].rstrip(")") if task.net == EXPLORER else by
 
     def _runs(self, net: str, path: str) -> bool:
         """Tell whether a net runs anything in the folder of a file: a table there may be what it goes by."""
@@ -221,16 +228,19 @@ class Campaign:
         self._look(Running(task, tree, 0.0, names), running)
 
     def _look(self, over: Running, running: Dict[int, Running]) -> None:
-        """Have the next ones look: first a few that promise most, then all the others."""
+        """Have the next ones look: first what has caught it before, or a few that promise most, then all the others."""
         task, tree, since, rest, _ = over
-        count = FIRST[task.net] if not since else len(rest)
+        count, alone = len(rest) if since else FIRST[task.net], not since and rest[0] == self._caught_before(task)
+        if alone:
+            count = 1
         usual_s = sum(self.observed[task.net][name].seconds for name in rest[:count])
         limit_s = min(MOST_S, START_S + round(TIMES * usual_s))
         answer = tree / "answer.json"
         if answer.exists():
             answer.unlink()
         process = start(tree, lambda: look(Look(task.net, rest[:count])), answer, limit_s)
-        running[process] = Running(task, tree, time.monotonic(), rest[count:], limit_s)
+        again = alone and task.net == EXPLORER  # what is reached is asked of all worlds together
+        running[process] = Running(task, tree, time.monotonic(), rest if again else rest[count:], limit_s)
 
     def _end_one(self, free: List[Path], running: Dict[int, Running], tell: Tell) -> None:
         """Wait until a look is over, or takes too long."""

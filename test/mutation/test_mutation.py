@@ -7,11 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mutation_campaign
 import mutation_mutant
 import mutation_results
 import pytest
 from mutation_code import diff, mutated, of_source, places, sample, span
 from mutation_mutant import Mutant, Place
+from mutation_nets import Seen
 from mutation_results import Results, Verdict, rate, read, section, summary, waivers, write
 
 ROOT = Path(__file__).parents[2]
@@ -183,6 +185,34 @@ def test_a_campaign_goes_on_elsewhere_from_what_the_repository_keeps(repository)
     assert run(repository)[1].count("SURVIVED\n") == before.count("SURVIVED\n"), "whom nothing caught is shown again"
     (repository / LIMIT).write_text((repository / LIMIT).read_text(encoding="utf-8") + "# new\n", encoding="utf-8")
     assert "test_over\n" in run(repository)[1], "of other code nothing is known"
+
+
+def test_what_has_caught_a_mutant_of_older_code_looks_first_and_alone(repository, monkeypatch):
+    (mutant,) = (one for one in sample(places(repository), 99, 1, repository) if one.after == "return value > 4")
+    by = {"unit": "test/engine/test_limit.py::test_9", "explorer": "a_law -> 7 (world 9)"}
+    told = TOLD._replace(verdicts=[Verdict(mutant, by, "")], code={LIMIT: "older"})
+    (repository / "docs").mkdir()
+    (repository / "docs/safety.md").write_text("# Title\n", encoding="utf-8")
+    write(told, repository / "test/mutation/results.json", repository / "docs/safety.md")
+    campaign = mutation_campaign.Campaign(repository, repository / "build", 1)
+    looks = []
+    campaign._copy(campaign.root, campaign.trees[0])
+    monkeypatch.setattr(mutation_campaign, "start", lambda tree, job, answer, limit_s: job() or 1)
+    monkeypatch.setattr(mutation_campaign, "look", lambda which: looks.append((which.net, which.names)))
+    try:
+        assert campaign.known == {}, "of other code nothing is known"
+        for net, name in (("unit", "test/engine/test_limit.py::test_{}"), ("explorer", "world {}")):
+            campaign.observed = {net: {name.format(number): Seen(number, {LIMIT: [2]}) for number in range(7, 12)}}
+            running = {}
+            campaign._begin(mutation_campaign.Task(mutant, net), [campaign.trees[0]], running, print)
+            campaign._look(running.pop(1), running)
+    finally:
+        campaign.close()
+    (first, rest), (world, worlds) = looks[:2], looks[2:]
+    assert first == ("unit", ("test/engine/test_limit.py::test_9",))
+    assert rest == ("unit", tuple(f"test/engine/test_limit.py::test_{number}" for number in (7, 8, 10, 11)))
+    assert world == ("explorer", ("world 9",))
+    assert worlds == ("explorer", tuple(f"world {number}" for number in (9, 7, 8, 10, 11))), "all, as together they reach"
 
 
 def test_a_net_that_is_not_green_without_a_mutant_is_no_net(repository):
