@@ -66,6 +66,8 @@ VALUES: Dict[str, Tuple[str, ...]] = {
     "hold_flown_on": ("in flight: True", "speed over ground: 2.0 of 0.5 m/s"),
     "landing_given_up": ("user: 'acknowledge'", "last heard armed: True"),
     "grounded_while_holding": ("in flight: True", "landed: 'ON_GROUND'"),
+    "grounded_in_mission": ("in flight: True", "landed: 'ON_GROUND'", "armed: True"),
+    "not_disarmed": ("in flight: True", "landed: 'ON_GROUND'", "armed: True"),
     "autopilot_lost_alarm": (
         "failure: 'autopilot_status'",
         "code: 0",

@@ -67,6 +67,13 @@ def planner_says_nothing_is_flown(story: Story) -> None:
     story.planner.says["phase"] = ev.MissionPhase.LANDED
 
 
+def planner_lands_and_it_stands(story: Story) -> None:
+    """As a vehicle whose landing mode finds no ground: here it is noticed soon, while everything else still waits."""
+    story.rules = replace(story.rules, limits=replace(story.rules.limits, landing_stall_limit_ns=3 * S // 10))
+    story.planner.says["phase"] = ev.MissionPhase.LANDING
+    story.say(vertical_speed_m_s=0.0, horizontal_speed_m_s=0.1)
+
+
 def flight_time(story: Story) -> None:
     """Let the limit be 0.3 s from now."""
     so_far = story.now - story.state.flight.started_ns
@@ -90,6 +97,7 @@ EXPECTED: Dict[str, Loss] = {
     "watchdog_heartbeat": Loss(silent("watchdog"), 0.6, "LAND", ONE),
     "planner_status": Loss(silent("planner"), 1.0, "LAND", BOTH),
     "planner_idle": Loss(planner_says_nothing_is_flown, 1.2, "LAND", BOTH),
+    "landing_stalled": Loss(planner_lands_and_it_stands, 0.5, "LAND", BOTH),
     "planner_failed": Loss(planner_failed, 0.2, "LAND", BOTH),
     "autopilot_status": Loss(silent("autopilot"), 1.0, "LAND", BOTH, alarm=True),
     "vehicle_unknown": Loss(says(armed=None, landed=ev.VehicleLanded.UNKNOWN), 5.0, "LAND", BOTH, alarm=True),
@@ -104,9 +112,9 @@ EXPECTED: Dict[str, Loss] = {
     "landing_detection": Loss(silent("landing"), 1.0, "CONTINUE"),
     **{name: Loss(says(**{bound.field: at_bound(bound, 0.001)}), 0.0, "LAND", ONE) for name, bound in BOUNDS.items()},
 }
-"""Heartbeat -> land; planner, clock -> both routes; autopilot, vehicle unknown -> both routes, alarm; battery unknown
-or critical, flight time, distance -> land, and so do the bounds of the laws; tilt beyond the warning, position unknown,
-recorder dead, landing detection silent -> continue, warned."""
+"""Heartbeat -> land; planner, a landing that stands in the air, clock -> both routes; autopilot, vehicle unknown ->
+both, alarm; battery unknown or critical, flight time, distance -> land, and so do the bounds of the laws; tilt beyond
+the warning, position unknown, recorder dead, landing detection silent -> continue, warned."""
 
 
 def test_the_table_has_these_rows_and_no_others():

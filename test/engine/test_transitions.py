@@ -177,6 +177,20 @@ def stays_armed_after_mission(story: Story) -> None:
     story.after(15.0)
 
 
+def stays_armed_after_mission_whatever_it_is_told(story: Story) -> None:
+    story.vehicle.auto_disarm = False
+    story.until("MISSION", "flying")
+    story.vehicle.says["armed"] = True
+    story.until("LAND")
+
+
+def put_down_armed(story: Story) -> None:
+    """As by a gust or a wrong height, while the planner flies on."""
+    story.planner.says["phase"] = ev.MissionPhase.FLYING
+    story.landing_says = ev.Landed.ON_GROUND
+    story.say(landed=GROUND, height_m=0.0).after(4.2)
+
+
 def holding_for(story: Story) -> None:
     story.fail("lrf", 8)
     story.until("HOLD", "holding")
@@ -273,6 +287,22 @@ ROWS = (
         "MISSION flying",
         ("AutopilotDisarm",),
         "disarm",
+    ),
+    Row(
+        "grounded_in_mission",
+        "MISSION flying",
+        put_down_armed,
+        "LAND commanding",
+        ("LAND",),
+        "land",
+    ),
+    Row(
+        "not_disarmed",
+        "TAKEOFF climbing",
+        stays_armed_after_mission_whatever_it_is_told,
+        "LAND commanding",
+        ("LAND",),
+        "land",
     ),
     Row("mission_complete", "MISSION flying", waits(12.0), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
     Row(

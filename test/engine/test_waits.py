@@ -69,6 +69,13 @@ def planner_idles(story: Story) -> None:
     story.report()
 
 
+def landing_stalls(story: Story) -> None:
+    flies_long(story)
+    story.planner.says["phase"] = ev.MissionPhase.LANDING
+    story.say(vertical_speed_m_s=0.1, horizontal_speed_m_s=0.2)
+    story.report()
+
+
 def put_down(story: Story) -> None:
     story.planner.says["phase"] = ev.MissionPhase.FLYING
     story.landing_says = ev.Landed.ON_GROUND
@@ -238,6 +245,16 @@ WAITS = (
         "failure_land",
         "LAND",
         planner_idles,
+        lost=True,
+    ),
+    Wait(
+        "landing_stall_limit",
+        "MISSION flying",
+        lambda s: s.state.peers.landing_stalled_ns,
+        60.0,
+        "failure_land",
+        "LAND",
+        landing_stalls,
         lost=True,
     ),
     Wait(

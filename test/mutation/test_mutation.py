@@ -197,7 +197,7 @@ def test_what_has_caught_a_mutant_of_older_code_looks_first_and_alone(repository
     campaign = mutation_campaign.Campaign(repository, repository / "build", 1)
     looks = []
     campaign._copy(campaign.root, campaign.trees[0])
-    monkeypatch.setattr(mutation_campaign, "start", lambda tree, job, answer, limit_s: job() or 1)
+    monkeypatch.setattr(mutation_campaign, "start", lambda _tree, job, *_: job() or 1)
     monkeypatch.setattr(mutation_campaign, "look", lambda which: looks.append((which.net, which.names)))
     try:
         assert campaign.known == {}, "of other code nothing is known"
@@ -212,7 +212,7 @@ def test_what_has_caught_a_mutant_of_older_code_looks_first_and_alone(repository
     assert first == ("unit", ("test/engine/test_limit.py::test_9",))
     assert rest == ("unit", tuple(f"test/engine/test_limit.py::test_{number}" for number in (7, 8, 10, 11)))
     assert world == ("explorer", ("world 9",))
-    assert worlds == ("explorer", tuple(f"world {number}" for number in (9, 7, 8, 10, 11))), "all, as together they reach"
+    assert worlds == ("explorer", tuple(f"world {number}" for number in (9, 7, 8, 10, 11))), "all together reach"
 
 
 def test_a_net_that_is_not_green_without_a_mutant_is_no_net(repository):

@@ -410,6 +410,8 @@ def _(s: EngineState) -> bool:
     unknown = vehicle is not None and (vehicle.armed is None or vehicle.landed.name == "UNKNOWN")
     unarmed = vehicle is not None and vehicle.armed is None
     known = s.peers.vehicle_unknown_ns is None or unknown
+    lands = planner is not None and planner.phase.name == "LANDING" and vehicle is not None and vehicle.armed is True
+    known = known and (s.peers.landing_stalled_ns is None or lands)
     return (s.peers.planner_idle_ns is None or idle) and known and (s.peers.armed_unknown_ns is None or unarmed)
 
 

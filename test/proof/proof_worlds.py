@@ -373,6 +373,23 @@ _ALL: Tuple[World, ...] = (
         stop=_GROUNDED,
     ),
     World(
+        name="grounded",
+        words="in its mission it is put down, armed, or stands in the air while the planner lands, and may fly on",
+        seeds=(SEEDS["flying"],),
+        scenes={
+            "flying": ("put_down", "hovering"),
+            "put_down": ("flying", "ground"),
+            "hovering": ("landing", "flying"),
+            "landing": ("touched",),
+            "touched": ("ground",),
+            "ground": (),
+        },
+        planner=("FLYING", "LANDING", "LANDED"),
+        detections=("ON_GROUND", "AIRBORNE"),
+        motion=(),
+        stop=(*_GROUNDED, State.PILOT),
+    ),
+    World(
         name="silence",
         words="in flight, any two peers fall silent and return, the battery is low or unknown",
         seeds=(SEEDS["flying"],),

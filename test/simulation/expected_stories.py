@@ -51,6 +51,7 @@ STORIES = {
     "data_lost": GIVEN_UP,
     "does_not_arm": CANCELLED,
     "does_not_climb": Story((*_UP, "LAND", *_END), ("TAKEOFF", "LAND"), "LANDED_EARLY"),
+    "does_not_descend": Story((*_FLY, "LAND", *_END), ("TAKEOFF", "LAND", "AutopilotLand"), "COMPLETE"),
     "does_not_disarm": LANDED._replace(motion=("TAKEOFF", "LAND", "AutopilotDisarm")),
     "does_not_lift_off": CANCELLED,
     "estimator_silent": RETRIED,

@@ -24,6 +24,7 @@ def state(driver):
         "does_not_lift_off": flags.does_not_lift_off,
         "does_not_climb": flags.stops_climbing_at_m,
         "ignores_mode": flags.ignores,
+        "does_not_descend": flags.does_not_descend,
         "does_not_disarm": flags.does_not_disarm,
     }
 
@@ -36,7 +37,10 @@ PARAMETERS = {
     "does_not_climb": "above_m: 0.5, ",
     "ignores_mode": "mode: AUTO.LAND, ",
 }
-UNDONE = ("battery_unknown", "pilot_takes_over", *PARAMETERS, "does_not_arm", "does_not_lift_off", "does_not_disarm")
+UNDONE = (
+    *("battery_unknown", "pilot_takes_over", *PARAMETERS, "does_not_arm", "does_not_lift_off"),
+    *("does_not_descend", "does_not_disarm"),
+)
 
 
 @pytest.mark.parametrize("kind", UNDONE)

@@ -55,7 +55,8 @@ def begin_session(context: Context) -> None:
         preflight=Preflight(),
         recording=Recording(),
     )
-    context.put("peers", planner=None, planner_ns=None, planner_idle_ns=None, recorder=None, recorder_ns=None)
+    context.put("peers", planner=None, planner_ns=None, planner_idle_ns=None, landing_stalled_ns=None)
+    context.put("peers", recorder=None, recorder_ns=None)
     calls_off = () if flight.was_airborne else flight.commanded  # a takeoff called off may still arm
     context.put("flight", was_armed=False, was_airborne=False, commanded=calls_off)
 

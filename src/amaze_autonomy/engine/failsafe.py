@@ -263,6 +263,7 @@ FAILSAFE_CONDITIONS: Tuple[FailsafeCondition, ...] = (
     F("watchdog_heartbeat", (Silent("heartbeat_ns", "watchdog_heartbeat_limit_ns", _SILENT, since="watchdog_started_ns"),), Action.LAND, "no heartbeat from the watchdog", peer="watchdog", on_ground=True),
     F("planner_status", (Silent("planner_ns", "planner_status_limit_ns", _SILENT),), Action.LAND, "no status from the mission planner", both_routes=True, peer="planner"),
     F("planner_idle", (Silent("planner_idle_ns", "planner_idle_limit_ns", "for", since=None),), Action.LAND, "the mission planner says that nothing is flown, and the vehicle flies", both_routes=True),
+    F("landing_stalled", (Silent("landing_stalled_ns", "landing_stall_limit_ns", "for", since=None),), Action.LAND, "the mission planner says that it lands, and the vehicle stands in the air", both_routes=True),
     F("planner_failed", (Says(_planner_failed),), Action.LAND, "the mission planner failed", both_routes=True),
     F("autopilot_status", (Silent("autopilot_ns", "autopilot_status_limit_ns", _SILENT), Says(_link_unknown), Silent("link_ns", "autopilot_link_limit_ns", "link silent for", since=None)), Action.LAND, "no status from the autopilot", both_routes=True, alarm=True, peer="autopilot"),
     F("vehicle_unknown", (Silent("vehicle_unknown_ns", "vehicle_unknown_limit_ns", "for", since=None),), Action.LAND, "whether the vehicle is armed and on the ground is unknown", both_routes=True, alarm=True, only="flight.was_airborne"),

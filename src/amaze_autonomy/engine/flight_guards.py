@@ -320,15 +320,22 @@ def landing_shown(context: Context) -> Optional[Seen]:
     )
 
 
-def ground_armed(context: Context) -> Optional[Seen]:
-    """On the ground for a while, still armed, and nothing says that it flies."""
-    if not context.on_ground() or not context.armed() or context.seems_to_fly():
-        return None
-    return holds_if(
-        passed("ground_disarm_after", context.state, context.rules, context.now),
-        Value("landed", "ON_GROUND"),
-        Value("armed", True),
-    )
+def _ground_armed_at(timer: str) -> Guard:
+    """Hold on the ground, still armed, and nothing says that it flies, when a timer has ended."""
+
+    def guard(context: Context) -> Optional[Seen]:
+        if not context.on_ground() or not context.armed() or context.seems_to_fly():
+            return None
+        ended = passed(timer, context.state, context.rules, context.now)
+        return holds_if(ended, Value("landed", "ON_GROUND"), Value("armed", True))
+
+    return guard
+
+
+ground_armed = _ground_armed_at("ground_disarm_after")
+"""On the ground for a while, still armed, and nothing says that it flies."""
+stays_armed = _ground_armed_at("confirm_limit")
+"""The same for long."""
 
 
 def cancelled(context: Context) -> Optional[Seen]:

@@ -231,6 +231,7 @@ class Limits:
     watchdog_heartbeat_limit_ns: int = _FAILSAFE.time(0.6, 60, "silence of the watchdog, or a standing loop counter, that is a lost heartbeat", "three messages at 5 Hz")
     planner_status_limit_ns: int = _FAILSAFE.time(1, 60, "silence of the planner that is a loss", "five messages at 5 Hz")
     planner_idle_limit_ns: int = _FAILSAFE.time(1, 60, "how long the planner may say that nothing is flown, or hold unasked, while the vehicle flies", "it leads nothing then, whatever it was told wrongly; its statuses come at 5 Hz")
+    landing_stall_limit_ns: int = _FAILSAFE.time(60, 600, "how long the planner may say that it lands while the vehicle stands in the air", "a landing that looks for its place stands for some seconds; after a minute nobody lands it")
     autopilot_status_limit_ns: int = _FAILSAFE.time(1, 60, "silence of the autopilot node that is a loss", "five messages at 5 Hz")
     autopilot_link_limit_ns: int = _FAILSAFE.time(3, 60, "age of the vehicle's heartbeat that is a lost link", "three MAVLink heartbeats at 1 Hz")
     vehicle_unknown_limit_ns: int = _FAILSAFE.time(5, 60, "how long it may be unknown in flight whether the vehicle is armed and on the ground", "who flies it, and whether it has landed, is not known then; both come at 1 Hz or more")

@@ -370,7 +370,8 @@ class Peers:
     """The last status of each peer as it came, and when; what it means is computed from it at each event.
 
     Of each watchdog its last loop counter is kept, and how often in a row it has grown, up to two. Since when something
-    is so: `planner_idle_ns`, that the planner says of a vehicle in the air that nothing is flown; `vehicle_unknown_ns`,
+    is so: `planner_idle_ns`, that the planner says of a vehicle in the air that nothing is flown; `landing_stalled_ns`,
+    that it says that it lands, and the vehicle stands there; `vehicle_unknown_ns`,
     that it is not known whether the vehicle is armed, or on the ground; `armed_unknown_ns`, whether it is armed.
     """
 
@@ -382,6 +383,7 @@ class Peers:
     planner: Optional[MissionStatus] = None
     planner_ns: Optional[int] = None
     planner_idle_ns: Optional[int] = None
+    landing_stalled_ns: Optional[int] = None
     recorder: Optional[RecordingStatus] = None
     recorder_ns: Optional[int] = None
     autopilot: Optional[AutopilotStatus] = None

@@ -154,7 +154,7 @@ TIMERS: Tuple[Timer, ...] = (
     Timer(
         "confirm_limit",
         ((State.TAKEOFF, Step.CLIMBING), (State.MISSION, Step.FLYING), State.HOLD),
-        lambda s, r: None if s.flight.active else _after(s.flight.grounded_ns, r.limits.confirm_limit_ns),
+        lambda s, r: _after(s.flight.grounded_ns, r.limits.confirm_limit_ns),
         ends_state=True,
     ),
     Timer("takeover_silent", (*_BEFORE_TAKEOFF, State.DATA_CLEANUP), _takeover_silent),

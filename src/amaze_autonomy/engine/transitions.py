@@ -134,6 +134,8 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("shutdown_unrecorded", (OUTREACH, *_BEFORE), both(shutdown, ground.nothing_recorded), INPUT, "mission_input", {"shutting_down": True}, do.drop_queue, "told to end with nothing recorded"),
     T("shutdown_between_files", (TOUCHDOWN,), shutdown, CLEANUP, "data_cleanup", {**_EARLY, "shutting_down": True}, words="told to end between two files"),
     # what is complete
+    T("not_disarmed", (FLYING,), both(flight.in_flight, flight.stays_armed), COMMANDING, "land", _EARLY, words="it has stood on the ground for long, and stays armed whatever it is told"),
+    T("grounded_in_mission", (FLYING,), both(flight.in_flight, flight.ground_armed, negated(flight.lands)), COMMANDING, "land", {**_EARLY, "flight.grounded_ns": None}, words="it stands on the ground, armed, and the planner flies on; it is disarmed if it stays so"),
     T("disarm_after_mission", (FLYING,), both(flight.planner_in(MissionPhase.LANDING, MissionPhase.LANDED), flight.ground_armed), None, "disarm", {}, do.disarm, "the planner lands or has landed, and it stays armed on the ground"),
     T("mission_complete", (FLYING,), both(flight.file_done, flight.last_leg), CLEANUP, "data_cleanup", {"session.result": Result.COMPLETE}, words="last waypoint done, landed and disarmed"),
     T("touchdown", (FLYING,), flight.file_done, TOUCHDOWN, "touchdown", words="a file is done, landed and disarmed; more are to come"),

@@ -261,7 +261,7 @@ def _mission_status(context: Context, event: MissionStatus) -> None:
         and _credible(context, "planner", event.age_ns)
     ):
         context.put("peers", planner=event, planner_ns=context.now)
-        _planner_idles(context)
+        _planner_leads(context)
         if context.state.vehicle.takeover is not None and context.state.peers.autopilot is not None:
             # a landing mode is the planner's when it says so
             _control(context, context.state.peers.autopilot, again=True)
@@ -307,7 +307,7 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
     )
     _flight(context)
     _armed_at_start(context)
-    _planner_idles(context)
+    _planner_leads(context)
     _command_shown(context, event)
     _control(context, event)
 
@@ -342,14 +342,30 @@ def _armed_at_start(context: Context) -> None:
             context.set(armed_at_start=says)
 
 
-def _planner_idles(context: Context) -> None:
-    """Note since when the planner says of a vehicle in the air that nothing is flown, or that it holds unasked."""
+def _planner_leads(context: Context) -> None:
+    """Note since when nobody leads a vehicle in the air.
+
+    The planner says that nothing is flown, that it holds unasked, or that it lands, and it stands there.
+    """
     state, peers = context.state, context.state.peers
     phases = (*_IDLE, MissionPhase.HOLDING) if (state.state, state.step) == (State.MISSION, Step.FLYING) else _IDLE
-    idles = peers.planner is not None and peers.planner.phase in phases and context.armed() and context.airborne()
-    since_ns = _since(peers.planner_idle_ns, context.now, says=idles)
-    if since_ns != peers.planner_idle_ns:
-        context.put("peers", planner_idle_ns=since_ns)
+    phase = peers.planner.phase if peers.planner is not None and context.armed() and context.airborne() else None
+    stalls = phase is MissionPhase.LANDING and _stands_still(context)
+    since = {
+        "planner_idle_ns": _since(peers.planner_idle_ns, context.now, says=phase in phases),
+        "landing_stalled_ns": _since(peers.landing_stalled_ns, context.now, says=stalls),
+    }
+    if any(getattr(peers, name) != since_ns for name, since_ns in since.items()):
+        context.put("peers", **since)
+
+
+def _stands_still(context: Context) -> bool:
+    """Return True when both speeds are known, and it neither sinks nor moves for longer than a gust lasts."""
+    status, vehicle = context.vehicle(), context.state.vehicle
+    if status is None or status.vertical_speed_m_s is None or status.horizontal_speed_m_s is None:
+        return False
+    since = (vehicle.descending_ns, vehicle.moving_ns)
+    return all(each is None or context.now - each < context.limits.descent_time_ns for each in since)
 
 
 def _since(since_ns: Optional[int], now_ns: int, *, says: bool) -> Optional[int]:

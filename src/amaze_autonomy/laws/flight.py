@@ -97,6 +97,8 @@ def _lost_peer(m: Moment) -> str:
         return "the planner failed"
     if saw.idle_ns is not None and now - saw.idle_ns > limits.planner_idle_limit_ns:
         return "the planner says that nothing is flown"
+    if saw.stalled_ns is not None and now - saw.stalled_ns > limits.landing_stall_limit_ns:
+        return "the planner says that it lands, and the vehicle stands in the air"
     silent = saw.vehicle is not None or now - saw.vehicle_ns > limits.autopilot_status_limit_ns
     if silent and saw.fresh(limits) is None:
         return "the autopilot is silent"
@@ -131,6 +133,26 @@ def _out_of_bounds(m: Moment) -> str:
     x, y = status.position_x_m, status.position_y_m
     far = x is not None and y is not None and (x * x + y * y) ** 0.5 > m.limit("max_distance_m")
     return "it is too far" if far else ""
+
+
+@law(
+    "5 MISSION",
+    "On the ground, armed, it is landed for: soon where the planner flies on, else at last.",
+    always=True,
+)
+def grounded_is_landed_for(m: Moment) -> Verdict:
+    saw, limits = m.saw, m.rules.limits
+    status = saw.fresh(limits)
+    if m.before.step is not Step.FLYING or saw.ground_ns is None or status is None or status.armed is not True:
+        return None
+    high = status.height_m is not None and status.height_m >= limits.takeoff_height_m
+    detected = saw.detected(limits)
+    contradicted = detected is ev.Landed.AIRBORNE or (high and detected is not ev.Landed.ON_GROUND)
+    if contradicted or not saw.on_ground(limits) or _handed_over(m):
+        return None
+    soon_ns = limits.ground_disarm_after_ns + (limits.ground_disarm_period_ns if m.was.disarmed_ns is not None else 0)
+    limit_ns = limits.confirm_limit_ns if saw.lands(limits) else min(soon_ns, limits.confirm_limit_ns)
+    return _is_landed_for(m, "it stands on the ground, armed") if saw.now - saw.ground_ns >= limit_ns else None
 
 
 @law("4 losses", "When planner or autopilot is lost, the landing goes out by both routes.", always=True)

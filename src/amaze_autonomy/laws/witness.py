@@ -59,6 +59,7 @@ class Witness:
     vehicle_ns: int = 0
     battery_ns: Optional[int] = None
     descending_ns: Optional[int] = None
+    moving_ns: Optional[int] = None
     down_ns: Optional[int] = None
     foreign: bool = False
     ground_ns: Optional[int] = None
@@ -76,6 +77,7 @@ class Witness:
     planner: Optional[ev.MissionStatus] = None
     planner_ns: int = 0
     idle_ns: Optional[int] = None
+    stalled_ns: Optional[int] = None
     unknown_ns: Optional[int] = None
     armed_unknown_ns: Optional[int] = None
     recorder: Optional[ev.RecordingStatus] = None
@@ -218,8 +220,7 @@ def _autopilot(
     changes.update(vehicle=event, vehicle_ns=now)
     if event.battery_fraction is not None and event.battery_age_s is not None:
         changes["battery_ns"] = now - int(event.battery_age_s * _SECOND)
-    sinks = event.vertical_speed_m_s is not None and event.vertical_speed_m_s <= -limits.descent_speed_m_s
-    changes["descending_ns"] = (now if witness.descending_ns is None else witness.descending_ns) if sinks else None
+    _speeds(witness, event, now, changes, limits)
     changed = previous is not None and previous.mode not in ("", event.mode) and event.mode != ""
     if previous is None or previous.mode != event.mode:
         changes["mode_ns"] = now
@@ -266,6 +267,19 @@ def _autopilot(
         changes.update(flight="armed", airborne=witness.airborne or witness.aloft > 0)  # one status is not believed
 
 
+def _speeds(witness: Witness, event: Any, now: int, changes: Dict[str, Any], limits: Limits) -> None:
+    """Note since when it sinks, moves, or does neither in a landing of the planner's."""
+    down, across = event.vertical_speed_m_s, event.horizontal_speed_m_s
+    sinks = down is not None and down <= -limits.descent_speed_m_s
+    moves = across is not None and across > limits.hold_speed_m_s and event.mode != "AUTO.LOITER"
+    since = {
+        "descending_ns": (now if witness.descending_ns is None else witness.descending_ns) if sinks else None,
+        "moving_ns": (now if witness.moving_ns is None else witness.moving_ns) if moves else None,
+    }
+    seen = evolve(witness, now=now, vehicle=event, vehicle_ns=now, **since)
+    changes.update(since, stalled_ns=_stalled_since(seen, witness.planner, limits))
+
+
 def _idle_since(
     witness: Witness, planner: Any, vehicle: Any, now: int, limits: Limits, state: EngineState
 ) -> Optional[int]:
@@ -277,6 +291,18 @@ def _idle_since(
     unasked = ("HOLDING",) if state.step is Step.FLYING else ()
     idle = planner is not None and planner.phase.name in ("IDLE", "LOADED", "LANDED", *unasked)
     return (now if witness.idle_ns is None else witness.idle_ns) if flies and idle else None
+
+
+def _stalled_since(witness: Witness, planner: Any, limits: Limits) -> Optional[int]:
+    """Return since when the planner says that it lands, and the vehicle that it neither sinks nor moves."""
+    status, now = witness.fresh(limits), witness.now
+    flies = status is not None and status.armed is True and status.landed in _FLIES
+    if status is None or not flies or planner is None or planner.phase.name != "LANDING":
+        return None
+    since = [each for each in (witness.descending_ns, witness.moving_ns) if each is not None]
+    told = status.vertical_speed_m_s is not None and status.horizontal_speed_m_s is not None
+    still = told and not any(now - each >= limits.descent_time_ns for each in since)
+    return (now if witness.stalled_ns is None else witness.stalled_ns) if still else None
 
 
 def _count_taken(
@@ -379,6 +405,7 @@ def _planner(
     if event.session_id and event.session_id == witness.session:
         changes.update(planner=event, planner_ns=now)
         changes["idle_ns"] = _idle_since(witness, event, witness.vehicle, now, limits, state)
+        changes["stalled_ns"] = _stalled_since(evolve(witness, now=now), event, limits)
         status = witness.vehicle
         lands = event.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
         if lands and status is not None and status.mode in _LANDING_MODES and not status.pilot_in_control:

@@ -92,6 +92,7 @@ LIMIT_FACTS: Mapping[str, Tuple[str, ...]] = {
     "watchdog_heartbeat_limit_ns": ("watchdog",),
     "planner_status_limit_ns": ("planner",),
     "planner_idle_limit_ns": ("planner",),
+    "landing_stall_limit_ns": ("planner",),
     "autopilot_status_limit_ns": ("link",),
     "autopilot_link_limit_ns": ("link",),
     "position_age_limit_ns": ("height", "position"),

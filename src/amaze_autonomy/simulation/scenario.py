@@ -242,6 +242,7 @@ _KINDS: Tuple[FaultKind, ...] = (
         "the autopilot does not enter a mode, though it acknowledges the command",
         (Parameter("mode", None, "which", choices=("AUTO.LOITER", "AUTO.MISSION", "AUTO.LAND")),),
     ),
+    FaultKind(Subject.WORLD, "does_not_descend", "it stands in the air in the mode of landing"),
     FaultKind(Subject.WORLD, "does_not_disarm", "the motors keep turning after the landing"),
     FaultKind(
         Subject.WORLD,

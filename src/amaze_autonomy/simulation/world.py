@@ -548,6 +548,7 @@ _BEGIN: Mapping[str, _Effect] = {
     "does_not_lift_off": _flag("does_not_lift_off", value=True),
     "does_not_climb": _does_not_climb,
     "ignores_mode": _ignores,
+    "does_not_descend": _flag("does_not_descend", value=True),
     "does_not_disarm": _flag("does_not_disarm", value=True),
 }
 _END: Mapping[str, _Effect] = {
@@ -565,5 +566,6 @@ _END: Mapping[str, _Effect] = {
     "does_not_lift_off": _flag("does_not_lift_off", value=False),
     "does_not_climb": _climbs,
     "ignores_mode": _obeys,
+    "does_not_descend": _flag("does_not_descend", value=False),
     "does_not_disarm": _flag("does_not_disarm", value=False),
 }

@@ -155,6 +155,7 @@ class Flags:
     does_not_lift_off: bool = False
     stops_climbing_at_m: float = inf
     ignores: Tuple[str, ...] = ()
+    does_not_descend: bool = False
     does_not_disarm: bool = False
     tilt_rad: float = 0.0
     lean_rad: float = 0.0
@@ -270,7 +271,9 @@ class Flight:
 
     def _descend(self, end_ns: int) -> None:
         self.landed = VehicleLanded.LANDING
-        if self._go(self._leg or descent(self.position_m, self.settings.model.landing_speed_m_s, self.t_ns), end_ns):
+        if self.flags.does_not_descend:
+            self._stay(end_ns)
+        elif self._go(self._leg or descent(self.position_m, self.settings.model.landing_speed_m_s, self.t_ns), end_ns):
             self._touch()
 
     def _return(self, end_ns: int) -> None:
