@@ -259,10 +259,10 @@ def test_a_landing_that_does_not_come_down_has_a_limit(make, configuration):
     flight.until(lambda: planner(flight)._phase is P.LANDING)
     began_ns = flight.t_ns
     flight.until(lambda: flight.state.state is State.LAND)
-    assert flight.t_ns - began_ns == pytest.approx(2 * configuration.rules.limits.land_limit_ns, abs=S)
+    assert flight.t_ns - began_ns == pytest.approx(configuration.rules.limits.landing_stall_limit_ns, abs=S)
     flight.until(lambda: not flight.vehicle.armed)
     flight.end()
-    assert flight.state.session.result is Result.LANDED_EARLY
+    assert flight.state.session.result is Result.COMPLETE
 
 
 # --- waypoints that it skips ------------------------------------------------------------------------------------------

@@ -67,6 +67,7 @@ VALUES: Dict[str, Tuple[str, ...]] = {
     "landing_given_up": ("user: 'acknowledge'", "last heard armed: True"),
     "grounded_while_holding": ("in flight: True", "landed: 'ON_GROUND'"),
     "grounded_in_mission": ("in flight: True", "landed: 'ON_GROUND'", "armed: True"),
+    "stays_armed_alarm": ("in flight: True", "landed: 'ON_GROUND'", "armed: True"),
     "not_disarmed": ("in flight: True", "landed: 'ON_GROUND'", "armed: True"),
     "autopilot_lost_alarm": (
         "failure: 'autopilot_status'",

@@ -244,7 +244,8 @@ def test_the_disarm_is_never_first_in_front_of_a_landing():
 def test_on_the_ground_and_armed_at_the_limit_the_pilot_is_alarmed():
     story = _on_ground_armed()
     story.after(125.0).expect("LAND")
-    assert "land_limit" in story.told
+    alarms = [c.key for c in story.since if isinstance(c, Notify) and c.level is Level.ALARM]
+    assert alarms == ["stays_armed", "land_limit"]
 
 
 def test_after_the_planners_own_landing_it_is_disarmed_too():

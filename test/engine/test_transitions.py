@@ -184,6 +184,14 @@ def stays_armed_after_mission_whatever_it_is_told(story: Story) -> None:
     story.until("LAND")
 
 
+def stays_armed_while_landing(story: Story) -> None:
+    story.vehicle.auto_disarm = False
+    while story.state.flight.grounded_ns is None:
+        story.after(0.1)
+    story.vehicle.says["armed"] = True
+    story.after(9.0).look().after(1.2)
+
+
 def put_down_armed(story: Story) -> None:
     """As by a gust or a wrong height, while the planner flies on."""
     story.planner.says["phase"] = ev.MissionPhase.FLYING
@@ -294,7 +302,7 @@ ROWS = (
         put_down_armed,
         "LAND commanding",
         ("LAND",),
-        "land",
+        "land_on_ground",
     ),
     Row(
         "not_disarmed",
@@ -302,7 +310,15 @@ ROWS = (
         stays_armed_after_mission_whatever_it_is_told,
         "LAND commanding",
         ("LAND",),
-        "land",
+        "land_on_ground",
+    ),
+    Row(
+        "stays_armed_alarm",
+        "LAND descending",
+        stays_armed_while_landing,
+        "LAND descending",
+        (),
+        "stays_armed",
     ),
     Row("mission_complete", "MISSION flying", waits(12.0), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
     Row(
@@ -376,7 +392,7 @@ ROWS = (
         keeps_saying(0.65, landed=GROUND),
         "LAND commanding",
         ("LAND",),
-        "land",
+        "land_on_ground",
     ),
     # while landing
     Row(

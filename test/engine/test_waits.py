@@ -64,6 +64,10 @@ def on_ground_armed(story: Story) -> None:
         story.after(0.1)
 
 
+def says_armed(story: Story) -> None:
+    story.vehicle.says["armed"] = True
+
+
 def planner_idles(story: Story) -> None:
     story.planner.says["phase"] = ev.MissionPhase.LOADED
     story.report()
@@ -347,6 +351,15 @@ WAITS = (
         lambda s: s.say(vertical_speed_m_s=-0.5),
     ),
     Wait("land_limit", "LAND commanding", lambda s: s.state.landing.since_ns, 120.0, "land_limit", "LAND"),
+    Wait(
+        "stays_armed",
+        "LAND descending",
+        lambda s: s.state.vehicle.spinning.since_ns,
+        10.0,
+        "stays_armed_alarm",
+        "LAND",
+        both(on_ground_armed, says_armed),
+    ),
     Wait(
         "ground_disarm_after",
         "LAND descending",

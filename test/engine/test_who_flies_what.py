@@ -372,7 +372,9 @@ def test_a_landing_that_was_asked_for_while_a_flight_seemed_over_is_no_matter_af
 
 def test_a_landing_that_is_asked_for_as_the_flight_is_found_to_be_over_is_not_put_off():
     story = seems_over(height_m=0.0)
-    state = evolve(story.state, flight=evolve(story.state.flight, grounded_ns=story.now - 60 * 10**9))
+    long_ago = story.now - 60 * 10**9
+    vehicle = evolve(story.state.vehicle, down=evolve(story.state.vehicle.down, since_ns=long_ago))
+    state = evolve(story.state, flight=evolve(story.state.flight, grounded_ns=long_ago), vehicle=vehicle)
     state, _ = decide(state, ev.UserRequest(t_ns=story.now, command=ev.UserCommand.LAND, request_id=9), story.rules)
     assert (state.state.value, state.land_deferred) == ("DATA_CLEANUP", None)
 

@@ -50,13 +50,14 @@ class Services:
     """Those of mavros: what was called, in order; a service that hangs answers when it is told to."""
 
     def __init__(self):
-        self.called, self.hanging, self.kept = [], {}, []
+        self.called, self.hanging, self.kept, self.expiring = [], {}, [], []
         self.failing = {}  # what a function fails with, each thing once
         self.changed = threading.Condition()
 
     def client(self, name, _service, _master, _caller):
-        def ask(_limit_s, **fields):
+        def ask(_limit_s, *, expires=False, **fields):
             with self.changed:
+                self.expiring += [fields.get("custom_mode", fields.get("command"))] if expires else []
                 self.called.append(fields.get("custom_mode", fields.get("command")))
                 self.changed.notify_all()
             self.fail("ask")
@@ -329,6 +330,13 @@ def serve(link):
             _, request = link._requests[lane].get_nowait()
             for message in link._answers(request, link._call(request)):
                 link._answer(message)
+
+
+def test_what_flies_the_vehicle_is_not_delivered_any_more_once_it_was_given_up(link, services):
+    for request in (MISSION, ARM, LAND, INTERVAL):
+        link._call(request)
+    assert services.called == ["AUTO.MISSION", 400, "AUTO.LAND", 511]
+    assert services.expiring == ["AUTO.MISSION", 400, "AUTO.LAND"], "a landing is asked for again"
 
 
 def test_a_dead_vehicle_is_not_heard_because_mavros_answers_that_it_has_sent_a_landing(services):

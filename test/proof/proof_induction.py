@@ -289,6 +289,7 @@ FIELDS: Mapping[str, Draw] = {
     "vehicle.aloft": _maybe(_agreement),
     "vehicle.motors": _maybe(_agreement),
     "vehicle.disarmed": _maybe(_agreement),
+    "vehicle.spinning": _maybe(_agreement),
     "flight.grounded_ns": _when,
     "flight.interrupted": _one(State.TAKEOFF, State.MISSION),
     "flight.user_hold_ns": _when,
@@ -314,6 +315,7 @@ FIELDS: Mapping[str, Draw] = {
     "landing.both_routes": _bool,
     "landing.alarmed": _bool,
     "landing.overdue_alarmed": _bool,
+    "landing.armed_alarmed": _bool,
     "landing.lost_alarmed": _bool,
     "landing.disarm_sent_ns": _when,
     "shutting_down": _bool,
@@ -454,7 +456,12 @@ _EVENTS: Tuple[Callable[[Random, EngineState], ev.Event], ...] = (
 # --- the witness of a state -------------------------------------------------------------------------------------------
 
 
-_ALARMS = {"alarmed": "land_alarm", "overdue_alarmed": "land_limit", "lost_alarmed": "autopilot_lost"}
+_ALARMS = {
+    "alarmed": "land_alarm",
+    "overdue_alarmed": "land_limit",
+    "armed_alarmed": "stays_armed",
+    "lost_alarmed": "autopilot_lost",
+}
 
 
 def witness_of(s: EngineState, rules: Rules) -> Witness:
@@ -477,6 +484,7 @@ def witness_of(s: EngineState, rules: Rules) -> Witness:
         beat_ns=max(s.peers.watchdog_started_ns or 0, beat or 0) if watching else beat,
         counters=s.peers.loop_counters,
         unarmed_ns=None if s.vehicle.disarmed is None else s.vehicle.disarmed.since_ns,
+        spinning_ns=None if s.vehicle.spinning is None else s.vehicle.spinning.since_ns,
         taken=0 if s.vehicle.takeover is None else s.vehicle.takeover.statuses,
         taken_ns=0 if s.vehicle.takeover is None else s.vehicle.takeover.since_ns,
         ground_ns=s.flight.grounded_ns,

@@ -257,7 +257,14 @@ def _(s: EngineState) -> bool:
 def _(s: EngineState) -> bool:
     agreed = [
         each
-        for each in (s.vehicle.down, s.vehicle.aloft, s.vehicle.motors, s.vehicle.disarmed, s.vehicle.takeover)
+        for each in (
+            s.vehicle.down,
+            s.vehicle.aloft,
+            s.vehicle.motors,
+            s.vehicle.disarmed,
+            s.vehicle.spinning,
+            s.vehicle.takeover,
+        )
         if each is not None
     ]
     return all(each.since_ns <= each.until_ns <= s.t_ns and each.statuses in (1, 2) for each in agreed)
@@ -279,7 +286,8 @@ def _unheard(s: EngineState) -> bool:
 @_is("What is armed is not disarmed, and what is down is.")
 def _(s: EngineState) -> bool:
     at = s.vehicle
-    return (at.motors is None or at.disarmed is None) and (at.down is None or at.disarmed is not None)
+    spins = at.spinning is None or at.motors is not None
+    return spins and (at.motors is None or at.disarmed is None) and (at.down is None or at.disarmed is not None)
 
 
 @_is("A landing is put off only while it is not clear who has control of a flight, or whether it is over.")
@@ -327,7 +335,14 @@ def _(s: EngineState) -> bool:
 def _(s: EngineState) -> bool:
     on_its_way = s.step in (*_STEPS[State.TAKEOFF], Step.FLYING) or s.state is State.HOLD
     at = s.landing
-    marks = (at.alarmed, at.overdue_alarmed, at.lost_alarmed, at.both_routes, at.second_route_ns is not None)
+    marks = (
+        at.alarmed,
+        at.overdue_alarmed,
+        at.armed_alarmed,
+        at.lost_alarmed,
+        at.both_routes,
+        at.second_route_ns is not None,
+    )
     return not on_its_way or not any(marks)
 
 

@@ -95,6 +95,7 @@ DEFECTS = {
         for name in (
             "landing.alarmed",
             "landing.overdue_alarmed",
+            "landing.armed_alarmed",
             "landing.lost_alarmed",
             "landing.both_routes",
             "landing.second_route_ns",

@@ -89,7 +89,7 @@ class PlainChunks:
         require(bool(self._inside[rows].all()) and bool((sizes >= 0).all()), "the index points behind its end")
         places: Any = np.cumsum(sizes) - sizes
         self._read(buffer, places, sizes, begins)
-        piece = np.searchsorted(begins, start, "right") - 1
+        piece: Any = np.searchsorted(begins, start, "right") - 1
         start = places[piece] + start - begins[piece]
         stops = places + sizes
         stops[piece[large]] = start[large] + follows - self._start[rows][large]  # as if all of it were there

@@ -636,7 +636,7 @@ class Loader:
         ends: Any = np.array([span.end for span in spans])
         order = np.argsort(entries[2])
         start, connection = entries[2][order], entries[1][order]
-        chunk = np.searchsorted(begins, start, "right") - 1
+        chunk: Any = np.searchsorted(begins, start, "right") - 1
         follows: Any = np.minimum(np.append(start[1:], ends[-1]), ends[chunk])
         large = np.flatnonzero((follows - start >= _LARGE) & self._unseen[connection] & coarse[chunk])
         start, follows, chunk = start[large], follows[large], chunk[large]

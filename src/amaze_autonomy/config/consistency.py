@@ -474,7 +474,8 @@ ORDER: Tuple[Order, ...] = (
     Order("landing.descent_time_s", "landing.land_second_route_after_s", False, "else no descent is seen before"),
     Order("landing.land_second_route_after_s", "landing.land_alarm_after_s", True, "the pilot is the last route"),
     Order("landing.land_alarm_after_s", "landing.land_limit_s", False, "the pilot needs time to land it"),
-    Order("landing.ground_disarm_after_s", "landing.land_limit_s", False, "else it is never disarmed in time"),
+    Order("landing.ground_disarm_after_s", "landing.confirm_limit_s", False, "else it is never disarmed in time"),
+    Order("landing.confirm_limit_s", "landing.land_limit_s", False, "the pilot needs time to stop the motors"),
     Order("failsafe.clock_tolerance_s", "failsafe.status_max_age_s", False, "else the future passes for the present"),
     Order(
         "battery.battery_critical_fraction", "battery.battery_reserve_fraction", True, "else every mission ends by it"

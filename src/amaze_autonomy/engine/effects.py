@@ -291,7 +291,7 @@ def disarm(context: Context) -> None:
 def give_up_landing(context: Context) -> None:
     """Take what is heard of the vehicle from now on as after a start: in the air, it is landed."""
     context.set(armed_at_start=None)
-    context.put("vehicle", down=None, aloft=None, motors=None, disarmed=None)
+    context.put("vehicle", down=None, aloft=None, motors=None, disarmed=None, spinning=None)
 
 
 def pilot(context: Context) -> None:

@@ -6,7 +6,7 @@ from typing import Optional
 
 from . import failsafe
 from .commands import Seen, Value, because
-from .context import LANDING_MODES, Context
+from .context import FLYING_MODES, LANDING_MODES, Context
 from .events import MissionPhase, Outcome, VehicleLanded
 from .failsafe import FAILSAFE_CONDITIONS
 from .guards import Guard, holds_if
@@ -163,7 +163,7 @@ def nobody_knows(context: Context) -> Optional[Seen]:
     state, status = context.state, context.state.peers.autopilot
     unknown = passed("vehicle_unknown_limit", state, context.rules, context.now)
     landing = state.landing
-    alarmed = landing.alarmed or landing.lost_alarmed or landing.overdue_alarmed
+    alarmed = landing.alarmed or landing.lost_alarmed or landing.overdue_alarmed or landing.armed_alarmed
     silent = alarmed and (context.vehicle() is None or unknown or context.disarmed_for_long())
     return holds_if(silent, Value("last heard armed", status.armed if status is not None else None))
 
@@ -303,39 +303,49 @@ def cancelled_on_ground(context: Context) -> Optional[Seen]:
 def landing_shown(context: Context) -> Optional[Seen]:
     """The vehicle shows that it lands: on the ground, or, up to the limit, landing mode or sustained descent.
 
-    Before lift-off ON_GROUND shows nothing while it is armed: the takeoff may still be on its way.
+    Before lift-off ON_GROUND shows nothing while it is armed: the takeoff may still be on its way. A leg of a mission
+    may descend as well, and a vehicle that stands in the air does not land, whatever its mode is called.
     """
     status = context.vehicle()
     before_lift_off = status is not None and status.armed is not False and not context.state.flight.was_airborne
     overdue = passed("land_limit", context.state, context.rules, context.now)
     if status is None or (overdue and status.landed is not VehicleLanded.ON_GROUND):
         return None
-    if status.mode in LANDING_MODES:
+    stalled = any(failure.name == "landing_stalled" for failure in context.state.failures)
+    if status.mode in LANDING_MODES and not stalled:
         return Seen((Value("flight mode", status.mode),))
-    if status.landed is VehicleLanded.LANDING or (status.landed is VehicleLanded.ON_GROUND and not before_lift_off):
+    down = status.landed is VehicleLanded.ON_GROUND and not before_lift_off
+    if down or (status.landed is VehicleLanded.LANDING and not stalled):
         return Seen((Value("landed", status.landed.name),))
-    sustained = passed("descent_time", context.state, context.rules, context.now)
+    planner = context.state.peers.planner
+    flies_on = status.mode in FLYING_MODES and (
+        planner is None or planner.phase not in (MissionPhase.LANDING, MissionPhase.LANDED)
+    )
+    sustained = not flies_on and passed("descent_time", context.state, context.rules, context.now)
     return holds_if(
         sustained, Value("vertical speed", status.vertical_speed_m_s, -context.limits.descent_speed_m_s, "m/s")
     )
 
 
-def _ground_armed_at(timer: str) -> Guard:
-    """Hold on the ground, still armed, and nothing says that it flies, when a timer has ended."""
-
-    def guard(context: Context) -> Optional[Seen]:
-        if not context.on_ground() or not context.armed() or context.seems_to_fly():
-            return None
-        ended = passed(timer, context.state, context.rules, context.now)
-        return holds_if(ended, Value("landed", "ON_GROUND"), Value("armed", True))
-
-    return guard
+def ground_armed(context: Context) -> Optional[Seen]:
+    """On the ground for a while, still armed, and nothing says that it flies or moves: it may be disarmed."""
+    contradicted = context.seems_to_fly() or context.state.vehicle.moving_ns is not None
+    return None if contradicted else _armed_down(context, "ground_disarm_after")
 
 
-ground_armed = _ground_armed_at("ground_disarm_after")
-"""On the ground for a while, still armed, and nothing says that it flies."""
-stays_armed = _ground_armed_at("confirm_limit")
-"""The same for long."""
+def stays_armed(context: Context) -> Optional[Seen]:
+    """It has said for long that it is on the ground, and armed."""
+    return _armed_down(context, "stays_armed")
+
+
+def _armed_down(context: Context, timer: str) -> Optional[Seen]:
+    ended = context.on_ground() and context.armed() and passed(timer, context.state, context.rules, context.now)
+    return holds_if(ended, Value("landed", "ON_GROUND"), Value("armed", True))
+
+
+def not_armed_alarmed(context: Context) -> Optional[Seen]:
+    """The pilot was not alarmed yet that it stays armed."""
+    return holds_if(not context.state.landing.armed_alarmed)
 
 
 def cancelled(context: Context) -> Optional[Seen]:

@@ -308,7 +308,7 @@ class Landing:
         both_routes: planner and autopilot are told at once.
         second_route_ns: the first command to the autopilot itself.
         alarmed, overdue_alarmed: the pilot was alarmed, because nothing shows a landing, and because of its limit.
-        lost_alarmed: likewise, because the vehicle is not heard.
+        lost_alarmed, armed_alarmed: likewise, because the vehicle is not heard, and because it stays armed.
         disarm_sent_ns: the last command to disarm.
     """
 
@@ -319,6 +319,7 @@ class Landing:
     second_route_ns: Optional[int] = None
     alarmed: bool = False
     overdue_alarmed: bool = False
+    armed_alarmed: bool = False
     lost_alarmed: bool = False
     disarm_sent_ns: Optional[int] = None
 
@@ -350,6 +351,7 @@ class Vehicle:
 
     Args:
         down, aloft, motors, disarmed: how long they agree on disarmed and on the ground, in the air, armed, disarmed.
+        spinning: likewise, on armed and on the ground.
         takeover: how long they agree that somebody else has control.
         takeover_reason: and why, in words.
         moving_ns, descending_ns: since when it flies on, and sinks.
@@ -359,6 +361,7 @@ class Vehicle:
     aloft: Optional[Agreement] = None
     motors: Optional[Agreement] = None
     disarmed: Optional[Agreement] = None
+    spinning: Optional[Agreement] = None
     takeover: Optional[Agreement] = None
     takeover_reason: str = ""
     moving_ns: Optional[int] = None

@@ -78,7 +78,15 @@ def _wait(state: EngineState, rules: Rules) -> Optional[int]:
 def _disarm(state: EngineState, rules: Rules) -> Optional[int]:
     if state.landing.disarm_sent_ns is not None:
         return state.landing.disarm_sent_ns + rules.limits.ground_disarm_period_ns
-    return _after(state.flight.grounded_ns, rules.limits.ground_disarm_after_ns)
+    since_ns = state.flight.grounded_ns
+    if since_ns is not None and state.landing.since_ns is not None:
+        since_ns = max(since_ns, state.landing.since_ns)  # a LAND has its time first
+    return _after(since_ns, rules.limits.ground_disarm_after_ns)
+
+
+def _down_since(state: EngineState) -> Optional[int]:
+    """Return since when it is down for good: motors that turned on for a while do not count."""
+    return state.flight.grounded_ns if state.vehicle.down is None else state.vehicle.down.since_ns
 
 
 def _takeover_silent(state: EngineState, rules: Rules) -> Optional[int]:
@@ -154,8 +162,13 @@ TIMERS: Tuple[Timer, ...] = (
     Timer(
         "confirm_limit",
         ((State.TAKEOFF, Step.CLIMBING), (State.MISSION, Step.FLYING), State.HOLD),
-        lambda s, r: _after(s.flight.grounded_ns, r.limits.confirm_limit_ns),
+        lambda s, r: None if s.flight.active else _after(_down_since(s), r.limits.confirm_limit_ns),
         ends_state=True,
+    ),
+    Timer(
+        "stays_armed",
+        ((State.TAKEOFF, Step.CLIMBING), (State.MISSION, Step.FLYING), State.LAND),
+        lambda s, r: None if s.vehicle.spinning is None else s.vehicle.spinning.since_ns + r.limits.confirm_limit_ns,
     ),
     Timer("takeover_silent", (*_BEFORE_TAKEOFF, State.DATA_CLEANUP), _takeover_silent),
     Timer("pilot_confirm", (*_BEFORE_TAKEOFF, *_WATCHED, State.DATA_CLEANUP), _takeover),

@@ -323,7 +323,7 @@ def _after_silence(context: Context) -> None:
     )
     if silent:
         _forget_ground(context)
-        context.put("vehicle", down=None, aloft=None, motors=None, disarmed=None)
+        context.put("vehicle", down=None, aloft=None, motors=None, disarmed=None, spinning=None)
 
 
 def _forget_ground(context: Context) -> None:
@@ -360,11 +360,14 @@ def _planner_leads(context: Context) -> None:
 
 
 def _stands_still(context: Context) -> bool:
-    """Return True when both speeds are known, and it neither sinks nor moves for longer than a gust lasts."""
+    """Return True when it neither sinks nor moves for longer than a gust lasts; in a landing mode it must sink."""
     status, vehicle = context.vehicle(), context.state.vehicle
-    if status is None or status.vertical_speed_m_s is None or status.horizontal_speed_m_s is None:
+    if status is None:
         return False
-    since = (vehicle.descending_ns, vehicle.moving_ns)
+    lands = status.mode in LANDING_MODES
+    if not lands and None in (status.vertical_speed_m_s, status.horizontal_speed_m_s):
+        return False
+    since = (vehicle.descending_ns, None if lands else vehicle.moving_ns)
     return all(each is None or context.now - each < context.limits.descent_time_ns for each in since)
 
 
@@ -477,6 +480,7 @@ def _flight(context: Context) -> None:
         aloft=_follow(state.vehicle.aloft, context.now, says=context.airborne()),
         motors=_follow(state.vehicle.motors, context.now, says=context.armed()),
         disarmed=_follow(state.vehicle.disarmed, context.now, says=context.disarmed()),
+        spinning=_follow(state.vehicle.spinning, context.now, says=context.armed() and context.on_ground()),
     )
     if context.down():
         if state.flight.grounded_ns is None:

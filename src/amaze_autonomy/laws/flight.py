@@ -135,6 +135,14 @@ def _out_of_bounds(m: Moment) -> str:
     return "it is too far" if far else ""
 
 
+def _stays_armed(m: Moment) -> bool:
+    """Return True when it has said for long, in flight, that it is on the ground and armed."""
+    saw, limits = m.saw, m.rules.limits
+    long = saw.spinning_ns is not None and saw.now - saw.spinning_ns >= limits.confirm_limit_ns
+    status = saw.fresh(limits)
+    return long and status is not None and status.armed is True and saw.on_ground(limits)
+
+
 @law(
     "5 MISSION",
     "On the ground, armed, it is landed for: soon where the planner flies on, else at last.",
@@ -143,16 +151,28 @@ def _out_of_bounds(m: Moment) -> str:
 def grounded_is_landed_for(m: Moment) -> Verdict:
     saw, limits = m.saw, m.rules.limits
     status = saw.fresh(limits)
-    if m.before.step is not Step.FLYING or saw.ground_ns is None or status is None or status.armed is not True:
+    if m.before.step not in (Step.FLYING, Step.CLIMBING) or saw.ground_ns is None or _handed_over(m):
+        return None
+    if _stays_armed(m):
+        return _is_landed_for(m, "it stays armed on the ground")
+    if status is None or status.armed is not True or m.before.step is not Step.FLYING or saw.lands(limits):
         return None
     high = status.height_m is not None and status.height_m >= limits.takeoff_height_m
     detected = saw.detected(limits)
     contradicted = detected is ev.Landed.AIRBORNE or (high and detected is not ev.Landed.ON_GROUND)
-    if contradicted or not saw.on_ground(limits) or _handed_over(m):
+    if contradicted or saw.moving_ns is not None or not saw.on_ground(limits):
         return None
-    soon_ns = limits.ground_disarm_after_ns + (limits.ground_disarm_period_ns if m.was.disarmed_ns is not None else 0)
-    limit_ns = limits.confirm_limit_ns if saw.lands(limits) else min(soon_ns, limits.confirm_limit_ns)
-    return _is_landed_for(m, "it stands on the ground, armed") if saw.now - saw.ground_ns >= limit_ns else None
+    told_ns = m.was.disarmed_ns
+    due_ns = saw.ground_ns + limits.ground_disarm_after_ns
+    due_ns = due_ns if told_ns is None else max(due_ns, told_ns + limits.ground_disarm_period_ns)
+    return _is_landed_for(m, "it stands on the ground, armed") if saw.now >= due_ns else None
+
+
+@law("4.3", "The pilot is alarmed when it stays armed on the ground.", always=True)
+def stays_armed_alarms(m: Moment) -> Verdict:
+    if _handed_over(m) or m.after.state is not State.LAND or not _stays_armed(m):
+        return None
+    return True if "stays_armed" in m.seen.alarms else "it stays armed, and the pilot was not alarmed"
 
 
 @law("4 losses", "When planner or autopilot is lost, the landing goes out by both routes.", always=True)

@@ -96,7 +96,15 @@ def a_takeoff_begins_afresh(m: Moment) -> Verdict:
     if A.TAKEOFF not in m.motions:
         return None
     of_flight = ("was_armed", "was_airborne", "spent", "takeover_noted", "user_hold_ns")
-    of_landing = ("since_ns", "second_route_ns", "alarmed", "overdue_alarmed", "lost_alarmed", "both_routes")
+    of_landing = (
+        "since_ns",
+        "second_route_ns",
+        "alarmed",
+        "overdue_alarmed",
+        "armed_alarmed",
+        "lost_alarmed",
+        "both_routes",
+    )
     left = [name for name in of_flight if getattr(m.after.flight, name)]
     left += [name for name in of_landing if getattr(m.after.landing, name)]
     return f"{left[0]} is left" if left else True

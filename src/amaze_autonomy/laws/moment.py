@@ -16,7 +16,7 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State
 
 from ..engine.events import Mission
-from .witness import Witness
+from .witness import MOVING, Witness
 
 Verdict = Union[None, bool, str]
 GROUND = (
@@ -137,8 +137,12 @@ def shows_landing(saw: Witness, rules: Rules) -> bool:
     if status is None:
         return False
     sinks = saw.descending_ns is not None and saw.now - saw.descending_ns >= rules.limits.descent_time_ns
-    landed = status.landed in (ev.VehicleLanded.ON_GROUND, ev.VehicleLanded.LANDING)
-    return status.mode in LANDING_MODES or landed or sinks
+    planner = saw.planner
+    by_planner = planner is not None and planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
+    sinks = sinks and (by_planner or status.mode not in MOVING)
+    stands = saw.stalled_ns is not None and saw.now - saw.stalled_ns > rules.limits.landing_stall_limit_ns
+    says = status.mode in LANDING_MODES or status.landed is ev.VehicleLanded.LANDING
+    return status.landed is ev.VehicleLanded.ON_GROUND or (says and not stands) or sinks
 
 
 def lands(moment: Moment, name: str, code: int) -> bool:

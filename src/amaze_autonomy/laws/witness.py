@@ -68,6 +68,7 @@ class Witness:
     armed_late: int = 0
     rested: int = 0
     unarmed_ns: Optional[int] = None
+    spinning_ns: Optional[int] = None
     mode_ns: int = 0
     detection: ev.Landed = ev.Landed.UNKNOWN
     detection_ns: int = 0
@@ -237,6 +238,8 @@ def _autopilot(
     gap = previous is None or now - witness.vehicle_ns > limits.autopilot_status_limit_ns
     unarmed_ns = now if gap or witness.unarmed_ns is None else witness.unarmed_ns
     changes["unarmed_ns"] = unarmed_ns if link_good and event.armed is False else None
+    spins = link_good and event.armed is True and event.landed is ev.VehicleLanded.ON_GROUND
+    changes["spinning_ns"] = (now if gap or witness.spinning_ns is None else witness.spinning_ns) if spins else None
     again = previous is not None and previous.mode == event.mode and link_good and event.landed in _FLIES
     begins = again and state.state is State.MISSION and event.armed is not False and witness.flown != "AUTO.MISSION"
     if begins and event.mode in _PAST and witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME):
@@ -299,9 +302,11 @@ def _stalled_since(witness: Witness, planner: Any, limits: Limits) -> Optional[i
     flies = status is not None and status.armed is True and status.landed in _FLIES
     if status is None or not flies or planner is None or planner.phase.name != "LANDING":
         return None
-    since = [each for each in (witness.descending_ns, witness.moving_ns) if each is not None]
+    sinks, moves = (
+        each is not None and now - each >= limits.descent_time_ns for each in (witness.descending_ns, witness.moving_ns)
+    )
     told = status.vertical_speed_m_s is not None and status.horizontal_speed_m_s is not None
-    still = told and not any(now - each >= limits.descent_time_ns for each in since)
+    still = not sinks and (status.mode in _LANDING_MODES or (told and not moves))
     return (now if witness.stalled_ns is None else witness.stalled_ns) if still else None
 
 
@@ -343,10 +348,10 @@ def _count_taken(
 
 _LANDING_MODES = ("AUTO.LAND", "AUTO.PRECLAND")
 _AFTER_A_HOLD = (MissionAction.RESUME, MissionAction.LAND, MissionAction.ABORT)
-_MOVING = ("AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD")
+MOVING = ("AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD")
 OURS: Dict[Optional[MissionAction], Tuple[str, ...]] = {
-    MissionAction.TAKEOFF: (*_MOVING, "AUTO.LOITER"),
-    MissionAction.RESUME: _MOVING,
+    MissionAction.TAKEOFF: (*MOVING, "AUTO.LOITER"),
+    MissionAction.RESUME: MOVING,
     MissionAction.HOLD: ("AUTO.LOITER", "OFFBOARD"),
     MissionAction.LAND: _LANDING_MODES,
     MissionAction.ABORT: _LANDING_MODES,

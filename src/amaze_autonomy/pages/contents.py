@@ -423,7 +423,7 @@ def _track(story: Story, estimates: Optional[Estimates], background: Mapping[str
     t_s, x, y, z = (np.asarray(each)[kept[kept < len(t_s)]] for each in (t_s, *axes))
     spans = background["spans"]
     begins = np.array([span[0] for span in spans])
-    at = np.searchsorted(begins, t_s, side="right") - 1 if len(spans) else np.full(len(t_s), -1)
+    at: Any = np.searchsorted(begins, t_s, side="right") - 1 if len(spans) else np.full(len(t_s), -1)
     labels = list(dict.fromkeys(span[2] for span in spans))
     return {
         "about": words,

@@ -311,7 +311,7 @@ class MavrosLink(ClientHost):
         try:
             if "waypoints" in fields:
                 fields["waypoints"] = [self._types["mavros_msgs/Waypoint"](**each) for each in fields["waypoints"]]
-            return service.ask(CALL_LIMITS_S[request.lane], **fields)
+            return service.ask(CALL_LIMITS_S[request.lane], expires=request.flies, **fields)
         except CallError as error:
             self._unsent += 1
             self._say(f"{service.name}: {error}")
