@@ -430,6 +430,35 @@ def test_of_a_stranger_behind_our_address_nothing_is_believed_once_our_boot_time
     assert wrong <= 20 < taken  # what came before a message of ours said when it was started
 
 
+def heard_of_two(seed, cut_s, cut_at_s=20.0, ours_ends_s=40.0):
+    """Return how often each of two behind one router is heard after a cut of both, in flight, telling its start."""
+    chance, said, sources, heard = random.Random(seed), [], Sources(), [0, 0]
+    for who, boot_s, begins_s, ends_s in ((0, -600.0, 0.0, ours_ends_s), (1, 8.0, 10.0, 40.0)):
+        first, phase_s = chance.randrange(256), chance.random() / 290
+        for number in range(int((ends_s - begins_s) * 290)):
+            t_s = begins_s + phase_s + number / 290
+            if not cut_at_s <= t_s < cut_at_s + cut_s:
+                said.append((t_s, who, first + number, boot_s if number % 29 in (2, 3) else None))
+    sources.armed = True
+    for t_s, who, number, boot_s in sorted(said, key=lambda message: message[:2]):
+        believed = say(sources, t_s, sequence=number, boot_s=boot_s)
+        heard[who] += believed and boot_s is not None and t_s > cut_at_s
+    return heard
+
+
+@pytest.mark.parametrize("cut_s", [0.3, 0.6, 0.8])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_loss_that_ends_the_runs_of_both_in_flight_does_not_make_the_stranger_ours(seed, cut_s):
+    ours, strangers = heard_of_two(seed, cut_s)
+    assert strangers == 0
+    assert ours > 100
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_loss_of_the_stranger_after_ours_fell_silent_in_flight_does_not_make_it_ours(seed):
+    assert heard_of_two(seed, 0.4, cut_at_s=25.0, ours_ends_s=20.0) == [0, 0]
+
+
 # --- the connection -----------------------------------------------------------------------------------------------
 
 

@@ -422,7 +422,8 @@ class Sources:
     def _follows(self, t_ns: int, run: _Run, ours: _Run) -> bool:
         """Return whether a run began at the address of another when that had ended: by losses, or a restart.
 
-        What fitted both was not of the one that ended when all that came since then was one run.
+        What fitted both was not of the one that ended when all that came since then was one run. In flight, where a
+        third one speaks there, it must also tell by its boot time that it is ours: a loss ends the runs of both.
         """
         if run.place != ours.place:
             return False
@@ -430,7 +431,16 @@ class Sources:
         one = since is not None and since.first_ns >= ours.heard_ns and since.count >= count
         alone = one and since is not None and t_ns - since.first_ns >= lasting_ns
         ended_ns = ours.heard_ns if alone else max(ours.heard_ns, ours.maybe_ns)
-        return run.first_ns >= ended_ns and t_ns - ended_ns > max(_ENDED_NS, _ENDED_GAPS * ours.gap_ns)
+        ended = run.first_ns >= ended_ns and t_ns - ended_ns > max(_ENDED_NS, _ENDED_GAPS * ours.gap_ns)
+        return ended and self._may_be_ours(t_ns, run, ours)
+
+    def _may_be_ours(self, t_ns: int, run: _Run, ours: _Run) -> bool:
+        """Return whether a run may be of our vehicle, started again or not; alone with the one that ended it may."""
+        thirds = [third for third in self._runs if third not in (run, ours) and third.place == run.place]
+        spoke = any(third.count >= _IN_A_ROW and t_ns - third.heard_ns <= REMEMBERED_NS for third in thirds)
+        if not self.armed or ours.boot_ns is None or not spoke:
+            return True
+        return run.boot_ns is not None and (not ours.denies(t_ns, run.boot_ns) or run.boot_ns > ours.heard_ns)
 
     def _replaces(self, t_ns: int, run: _Run, ours: _Run) -> bool:
         if t_ns - ours.heard_ns <= _SILENCE_NS:
