@@ -220,6 +220,33 @@ def test_a_landing_stands_until_the_vehicle_is_disarmed_also_after_its_reply():
     assert bench.commands(SET_MODE) == []
 
 
+def test_a_landing_mode_that_is_not_told_any_more_holds_no_landing_back():
+    bench = ClientBench().fly(20.0)
+    bench.ask(bench.client.land)
+    bench.until(lambda: bench.client.landing.progress is Progress.CONFIRMED, 5.0)
+    bench.deaf = ("HEARTBEAT", "CURRENT_MODE")
+    bench.advance(2.0)
+    bench.sent.clear()
+    assert bench.ask(bench.client.land) == Reply(
+        accepted=True, message="landing: commanded, not shown yet", final=False
+    )
+    assert bench.commands(SET_MODE)
+
+
+@pytest.mark.parametrize("heard", [True, False], ids=["its mode is silent", "silent"])
+def test_a_landing_that_one_heartbeat_showed_is_sent_on_when_no_other_comes(heard):
+    bench = ClientBench().fly(20.0)
+    bench.deaf = ("CURRENT_MODE",)
+    bench.ask(bench.client.land)
+    bench.until(lambda: bench.vehicle.beat.mode == "AUTO.LAND", 5.0)
+    bench.cut, bench.deaf = not heard, ("HEARTBEAT", "CURRENT_MODE")
+    bench.sent.clear()
+    bench.advance(1.2)
+    assert bench.commands(SET_MODE) == []
+    bench.advance(1.0)
+    assert len(bench.commands(SET_MODE)) >= 3
+
+
 def test_a_landing_that_a_pilot_has_taken_does_not_come_back_when_he_lets_go():
     bench = ClientBench().fly(20.0)
     bench.ask(bench.client.land)

@@ -232,6 +232,26 @@ def test_a_pilot_who_takes_over_as_soon_as_a_mode_shows_is_not_commanded_again(a
     assert (flying.craft.mode, flying.since(shown_ns)) == ("POSCTL", [])
 
 
+@EACH
+def test_a_landing_whose_mode_showed_once_is_sent_on_when_it_is_not_told_any_more_and_not_while_it_is(kind):
+    flying = Recorded(kind=kind)
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert flying.command(A.LAND) == ""
+    flying.until(lambda: flying.planner.watch.mode == "AUTO.LAND", 2 * S)
+    flying.cut()
+    shown_ns = flying.t_ns
+    flying.run(1200 * MS)
+    assert flying.since(shown_ns) == []
+    flying.run(1 * S)
+    assert set(flying.since(shown_ns)) == {"AUTO.LAND"}
+    flying.join()
+    flying.run(1500 * MS)
+    joined_ns = flying.t_ns
+    flying.until(lambda: not flying.craft.armed, 30 * S)
+    assert flying.since(joined_ns) == []
+
+
 @BOTH
 def test_a_landing_of_somebody_else_ends_what_runs(mission):
     """AUTO.LAND by the pilot's switch, or by the autopilot node: a hold or a resume does not go on against it."""

@@ -19,7 +19,7 @@ from ..vehicle.agreement import Agreement
 from ..vehicle.modes import HOLD, LAND, LANDING_MODES, is_foreign
 from .loading import BEGINS_ANEW, NO_POSE
 from .mission_upload import Dialect, beginning
-from .mission_vehicle import AIRBORNE, MISSION, OFFBOARD, SILENT, VehicleWatch
+from .mission_vehicle import AIRBORNE, MISSION, MODE_LATE_NS, OFFBOARD, SILENT, VehicleWatch
 
 _SET_MODE, _ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 _HOME_TOLERANCE_M = 1.0  # of its height where a mission takes off: as far as an estimate of height may be off there
@@ -116,7 +116,13 @@ def _enter(mode: str) -> Step:
     return Step(f"change to {mode}", lambda means, _: means.watch.mode == mode, message, _SET_MODE, mode)
 
 
-_LANDING = _enter(LAND)._replace(agreed=lambda means: means.watch.in_land)
+def _lands(means: Means, t_ns: int) -> bool:
+    """Return whether it says, freshly, that it is in the landing mode; an older word holds no landing back."""
+    mode_ns = means.watch.mode_ns
+    return means.watch.mode == LAND and mode_ns is not None and t_ns - mode_ns <= MODE_LATE_NS
+
+
+_LANDING = _enter(LAND)._replace(done=_lands, agreed=lambda means: means.watch.in_land)
 
 
 def _prepare(means: Means) -> str:

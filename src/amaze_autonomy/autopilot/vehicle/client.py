@@ -345,14 +345,20 @@ class AutopilotClient:
         theirs = self._other(agreed=False) is not None
         if beat is None or theirs or not self._attention.lands(self._t_ns, control.mode_ns):
             return None
-        if beat.mode in LANDING_MODES and sent_ns is not None and control.mode_ns > sent_ns:
+        if beat.mode in LANDING_MODES and sent_ns is not None and control.mode_ns > sent_ns and self._tells_mode:
             return None  # one message shows it; others will agree, or a pilot chooses another mode meanwhile
         number = mode_number(beat.autopilot, LAND)
         return None if number is None else set_mode(*self._address(), *number)
 
     def _landing_seen(self) -> bool:
         vehicle = self.vehicle
-        return vehicle.connected(self._t_ns) and (vehicle.in_landing_mode or vehicle.is_down(self._t_ns))
+        shown = vehicle.in_landing_mode and self._tells_mode
+        return vehicle.connected(self._t_ns) and (shown or vehicle.is_down(self._t_ns))
+
+    @property
+    def _tells_mode(self) -> bool:
+        """Whether the mode was told lately; an older one holds no landing back."""
+        return self._t_ns - self.vehicle.control.mode_ns <= _BEAT_LATE_NS
 
     def _disarm_message(self) -> Optional[Message]:
         age_ns = self.vehicle.landed_age_ns(self._t_ns)
