@@ -68,7 +68,7 @@ _TAKERS: Mapping[str, _Taken] = {
     "SYS_STATUS": _Taken("_system", _RATES["SYS_STATUS"], "health of the sensors, and the battery"),
     "BATTERY_STATUS": _Taken("battery.add_pack", 2.0, "each battery"),
     "GPS_RAW_INT": _Taken("_gps", _RATES["GPS_RAW_INT"], "fix and satellites; a lost one is told here first"),
-    "LOCAL_POSITION_NED": _Taken("position.add_local", _RATES["LOCAL_POSITION_NED"], "height, position and speed"),
+    "LOCAL_POSITION_NED": _Taken("_local", _RATES["LOCAL_POSITION_NED"], "height, position and speed"),
     "ESTIMATOR_STATUS": _Taken("position.add_px4_flags", _RATES["ESTIMATOR_STATUS"], _ESTIMATE),
     "EKF_STATUS_REPORT": _Taken("position.add_ardupilot_flags", _RATES["EKF_STATUS_REPORT"], _ESTIMATE),
     "HOME_POSITION": _Taken("position.add_home", 0.5, "whether there is a home to return to"),
@@ -276,7 +276,7 @@ class VehicleState:
         self._watch_battery(t_ns, before, beat)
         self._watch_home(t_ns, before, beat)
         if self._landed is None:
-            self._add_landed(t_ns)
+            self.ground.add_landed(t_ns, self.landed(t_ns))
         self._agree(t_ns, beat.mode)
         self.texts.wake(t_ns)
 
@@ -331,15 +331,7 @@ class VehicleState:
 
     def _extended(self, t_ns: int, message: Any) -> None:
         self._landed = (t_ns, int(message.landed_state))
-        self._add_landed(t_ns)
-
-    def _add_landed(self, t_ns: int) -> None:
-        """Take what was said of the ground; the position of before it, not one that comes later, is on it."""
-        landed = self.landed(t_ns)
-        self.ground.add_landed(t_ns, landed)
-        agreed = self.ground.disarmed or self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)
-        if agreed and landed is VehicleLanded.ON_GROUND:
-            self.position.stand(t_ns)
+        self.ground.add_landed(t_ns, self.landed(t_ns))
 
     def _system(self, t_ns: int, message: Any) -> None:
         self.system.add(t_ns, message)
@@ -356,6 +348,11 @@ class VehicleState:
         if message.get_type() in _TELL_ITS_START and self._power_on.add(t_ns, message.time_boot_ms):
             self.battery.restarted()
             self.position.forget_takeoff()
+
+    def _local(self, t_ns: int, message: Any) -> None:
+        agreed = self.ground.disarmed or self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)
+        rests = agreed and self.landed(t_ns) is VehicleLanded.ON_GROUND
+        self.position.add_local(t_ns, message, on_ground=rests)
 
 
 def _caps(settings: AutopilotSettings) -> Mapping[int, float]:
