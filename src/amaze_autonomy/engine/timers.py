@@ -79,7 +79,7 @@ def _disarm(state: EngineState, rules: Rules) -> Optional[int]:
     if state.landing.disarm_sent_ns is not None:
         return state.landing.disarm_sent_ns + rules.limits.ground_disarm_period_ns
     since_ns = state.flight.grounded_ns
-    if since_ns is not None and state.landing.since_ns is not None:
+    if since_ns is not None and state.landing.since_ns is not None and state.flight.was_airborne:
         since_ns = max(since_ns, state.landing.since_ns)  # a LAND has its time first
     return _after(since_ns, rules.limits.ground_disarm_after_ns)
 
