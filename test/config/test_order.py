@@ -78,9 +78,14 @@ from amaze_autonomy.config import load_configuration
             "landing.land_limit_s: is 6; must be above landing.land_alarm_after_s (6): the pilot needs time to land it",
         ),
         (
-            "landing: {ground_disarm_after_s: 120.0}",
-            "landing.ground_disarm_after_s: is 120; must be below landing.land_limit_s (120): "
+            "landing: {ground_disarm_after_s: 10.0}",
+            "landing.ground_disarm_after_s: is 10; must be below landing.confirm_limit_s (10): "
             "else it is never disarmed in time",
+        ),
+        (
+            "landing: {confirm_limit_s: 120.0}",
+            "landing.confirm_limit_s: is 120; must be below landing.land_limit_s (120): "
+            "the pilot needs time to stop the motors",
         ),
         (
             "failsafe: {clock_tolerance_s: 1.0}",

@@ -280,8 +280,8 @@ class Context:
 
     def lands(self) -> bool:
         """Return True when it is landing, whoever lands it: a hold must not interrupt that."""
-        status, planner = self.vehicle(), self.state.peers.planner
-        if planner is None or planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED):
+        status = self.vehicle()
+        if self.state.peers.planner is None or self.planner_lands():
             return True  # right after a restart of ours it was not heard yet
         if status is None:
             return False
@@ -290,6 +290,11 @@ class Context:
         low = status.height_m is not None and status.height_m <= self.limits.landing_height_m
         since = self.state.vehicle.descending_ns
         return low and since is not None and self.now - since >= self.limits.descent_time_ns
+
+    def planner_lands(self) -> bool:
+        """Return True when the planner says that it lands by itself, or has landed."""
+        planner = self.state.peers.planner
+        return planner is not None and planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED)
 
     def holds(self) -> bool:
         """Return True when flight mode or standing still shows a hold: the planner's word alone does not.

@@ -171,8 +171,7 @@ def nobody_knows(context: Context) -> Optional[Seen]:
 def mission_flown(context: Context) -> Optional[Seen]:
     """The planner lands after the last waypoint of the last file: the mission is flown."""
     planner = context.state.peers.planner
-    ends = planner is not None and planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED)
-    if planner is None or not ends or not 0 < planner.waypoints <= planner.waypoint:
+    if planner is None or not context.planner_lands() or not 0 < planner.waypoints <= planner.waypoint:
         return None
     return last_leg(context)
 
@@ -311,16 +310,13 @@ def landing_shown(context: Context) -> Optional[Seen]:
     overdue = passed("land_limit", context.state, context.rules, context.now)
     if status is None or (overdue and status.landed is not VehicleLanded.ON_GROUND):
         return None
-    stalled = any(failure.name == "landing_stalled" for failure in context.state.failures)
+    stalled = passed("landing_stall_limit", context.state, context.rules, context.now)
     if status.mode in LANDING_MODES and not stalled:
         return Seen((Value("flight mode", status.mode),))
     down = status.landed is VehicleLanded.ON_GROUND and not before_lift_off
     if down or (status.landed is VehicleLanded.LANDING and not stalled):
         return Seen((Value("landed", status.landed.name),))
-    planner = context.state.peers.planner
-    flies_on = status.mode in FLYING_MODES and (
-        planner is None or planner.phase not in (MissionPhase.LANDING, MissionPhase.LANDED)
-    )
+    flies_on = status.mode in FLYING_MODES and not context.planner_lands()
     sustained = not flies_on and passed("descent_time", context.state, context.rules, context.now)
     return holds_if(
         sustained, Value("vertical speed", status.vertical_speed_m_s, -context.limits.descent_speed_m_s, "m/s")

@@ -467,8 +467,7 @@ def _is_ours(context: Context, event: AutopilotStatus, *, lands: bool) -> bool:
 
 def _planner_lands(context: Context) -> bool:
     """Return True when the planner lands by itself; right after a restart of ours it was not heard yet."""
-    planner = context.state.peers.planner
-    return planner is None or planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED)
+    return context.state.peers.planner is None or context.planner_lands()
 
 
 def _flight(context: Context) -> None:
