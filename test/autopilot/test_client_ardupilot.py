@@ -106,7 +106,7 @@ def where(*messages, px4=False):
         position.add_px4_flags(0, mavlink.MAVLink_estimator_status_message(0, 0x33F, 0, 0, 0, 0, 0, 0, 0, 0))
     else:
         position.add_ardupilot_flags(0, mavlink.MAVLink_ekf_status_report_message(0x33F, 0, 0, 0, 0, 0))
-    position.add_local(0, mavlink.MAVLink_local_position_ned_message(0, *FLIES_M, 0, 0, 0), on_ground=False)
+    position.add_local(0, mavlink.MAVLink_local_position_ned_message(0, *FLIES_M, 0, 0, 0))
     return position.place(0)[:3]
 
 

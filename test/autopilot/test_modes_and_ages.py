@@ -202,6 +202,50 @@ def test_a_fifth_of_all_packets_lost_for_two_minutes_makes_nothing_unknown(seed)
     assert worst < 0.5
 
 
+@pytest.mark.parametrize("cut_s", [0.0, 1.0, 1.5, 1.8])
+@pytest.mark.parametrize("lost", [("EXTENDED_SYS_STATE", "LOCAL_POSITION_NED"), ("EXTENDED_SYS_STATE",)])
+def test_a_link_that_is_cut_at_the_lift_off_does_not_put_the_takeoff_place_into_the_air(lost, cut_s):
+    vehicle, flags = VehicleState(AutopilotSettings()), 0x33F
+    for tick in range(1500):
+        t_s, t_ns = tick / 100, tick * S // 100
+        up_m, armed, landed = max(0.0, 1.5 * (t_s - 10.0)), t_s > 8.0, 1 if t_s < 10.1 else 3 if t_s < 14.0 else 2
+        said = {
+            50: mavlink.MAVLink_heartbeat_message(2, 12, 0x81 if armed else 0x01, 4 << 16 | 4 << 24, 4, 3),
+            19: mavlink.MAVLink_extended_sys_state_message(0, landed),
+            5: mavlink.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0),
+            1: mavlink.MAVLink_local_position_ned_message(50_000 + tick * 10, 0, 0, 0.3 - up_m, 0, 0, 0),
+        }
+        periods = {50: 100, 19: 20, 5: 20, 1: 10}
+        for first, message in said.items():
+            cut = message.get_type() in lost and 10.0 <= t_s < 10.0 + cut_s
+            if tick % periods[first] == first % periods[first] and not cut:
+                vehicle.receive(t_ns, message)
+    assert vehicle.status(t_ns).height_m == pytest.approx(up_m, abs=0.2)
+
+
+def test_where_the_heartbeat_alone_tells_the_ground_a_position_after_it_is_not_the_takeoff_place():
+    vehicle = VehicleState(AutopilotSettings())
+    for t_s, down_m in ((0, 0.1), (1, 0.2), (2, 0.3), (3, 0.3)):
+        vehicle.receive(t_s * S, mavlink.MAVLink_local_position_ned_message(50_000 + t_s * 1000, 0, 0, down_m, 0, 0, 0))
+        vehicle.receive(t_s * S, mavlink.MAVLink_ekf_status_report_message(0x33F, 0, 0, 0, 0, 0))
+        vehicle.receive(t_s * S, mavlink.MAVLink_heartbeat_message(2, 3, 0x01, 0, 3, 3))
+    assert vehicle.status(3 * S).height_m == 0.0
+    vehicle.receive(3 * S + S // 2, mavlink.MAVLink_local_position_ned_message(53_500, 0, 0, -2.7, 0, 0, 0))
+    assert vehicle.status(3 * S + S // 2).height_m == pytest.approx(3.0)
+
+
+def test_the_first_position_of_all_is_on_the_ground_when_it_comes_at_rest():
+    vehicle = VehicleState(AutopilotSettings())
+    for t_ns in (0, S // 2, S):
+        vehicle.receive(t_ns, mavlink.MAVLink_heartbeat_message(2, 3, 0x01, 0, 3, 3))
+        vehicle.receive(t_ns, mavlink.MAVLink_extended_sys_state_message(0, 1))
+    vehicle.receive(S, mavlink.MAVLink_ekf_status_report_message(0x33F, 0, 0, 0, 0, 0))
+    for t_ns, down_m in ((S, 0.5), (S + S // 2, 0.0)):  # it lifts off before anything says ON_GROUND again
+        boot_ms = 50_000 + t_ns // 1_000_000
+        vehicle.receive(t_ns, mavlink.MAVLink_local_position_ned_message(boot_ms, 0, 0, down_m, 0, 0, 0))
+    assert vehicle.status(S + S // 2).height_m == pytest.approx(0.5)
+
+
 def test_px4_that_disarms_and_goes_back_to_another_mode_is_no_takeover():
     """As PX4 v1.16.1: CURRENT_MODE shows the intended mode at the disarming, the heartbeat that says it 0.9 s later."""
     bench = ClientBench().fly().advance(2.0)

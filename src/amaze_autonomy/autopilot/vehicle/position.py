@@ -66,15 +66,18 @@ class Position:
         self.home_ns: Optional[int] = None
         self._bad = 0
 
-    def add_local(self, t_ns: int, message: Any, *, on_ground: bool) -> None:
-        """Take a LOCAL_POSITION_NED; on the ground, with a valid estimate, it is the takeoff place."""
+    def add_local(self, t_ns: int, message: Any) -> None:
+        """Take a LOCAL_POSITION_NED."""
         where = (message.x, message.y, message.z)
         if not all(isfinite(value) and abs(value) < _FARTHEST_M for value in where):
             self._local = None
             return
         self._local = (t_ns, where, (message.vx, message.vy, message.vz))
-        if on_ground and self._has(t_ns, _VERTICAL):
-            self._takeoff = where
+
+    def stand(self, t_ns: int) -> None:
+        """Take the last position, with a valid estimate, as the takeoff place: what came after it said ON_GROUND."""
+        if self._local is not None and t_ns - self._local[0] <= self._age_limit_ns and self._has(t_ns, _VERTICAL):
+            self._takeoff = self._local[1]
 
     def add_px4_flags(self, t_ns: int, message: Any) -> None:
         """Take an ESTIMATOR_STATUS; PX4 also sets CONST_POS_MODE at rest on the ground, where it says nothing."""
@@ -96,6 +99,11 @@ class Position:
     def add_origin(self, _t_ns: int, message: Any) -> None:
         """Take a GPS_GLOBAL_ORIGIN: where the local frame begins."""
         self._origin = OnEarth(message.latitude, message.longitude, message.altitude)
+
+    @property
+    def stood(self) -> bool:
+        """Whether a takeoff place is known."""
+        return self._takeoff is not None
 
     @property
     def judged(self) -> bool:
@@ -124,6 +132,7 @@ class Position:
 
     def forget_takeoff(self) -> None:
         """Forget the takeoff place: the autopilot has started again, and its origin with it."""
+        self._local = None  # of the frame before
         self._takeoff = self._home = self._home_on_earth = self._origin = self.home_ns = None
 
     @property

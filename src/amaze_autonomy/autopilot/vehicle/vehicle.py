@@ -276,7 +276,7 @@ class VehicleState:
         self._watch_battery(t_ns, before, beat)
         self._watch_home(t_ns, before, beat)
         if self._landed is None:
-            self.ground.add_landed(t_ns, self.landed(t_ns))
+            self._add_landed(t_ns)
         self._agree(t_ns, beat.mode)
         self.texts.wake(t_ns)
 
@@ -331,7 +331,23 @@ class VehicleState:
 
     def _extended(self, t_ns: int, message: Any) -> None:
         self._landed = (t_ns, int(message.landed_state))
+        self._add_landed(t_ns)
+
+    def _add_landed(self, t_ns: int) -> None:
+        """Take what was said of the ground; the position of before it, not one that comes later, is on it."""
         self.ground.add_landed(t_ns, self.landed(t_ns))
+        if self._rests(t_ns):
+            self.position.stand(t_ns)
+
+    def _local(self, t_ns: int, message: Any) -> None:
+        """Take a position; the first of all that comes at rest is on the ground, as ArduPilot's at its arming."""
+        self.position.add_local(t_ns, message)
+        if not self.position.stood and self._rests(t_ns):
+            self.position.stand(t_ns)
+
+    def _rests(self, t_ns: int) -> bool:
+        agreed = self.ground.disarmed or self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)
+        return agreed and self.landed(t_ns) is VehicleLanded.ON_GROUND
 
     def _system(self, t_ns: int, message: Any) -> None:
         self.system.add(t_ns, message)
@@ -348,11 +364,6 @@ class VehicleState:
         if message.get_type() in _TELL_ITS_START and self._power_on.add(t_ns, message.time_boot_ms):
             self.battery.restarted()
             self.position.forget_takeoff()
-
-    def _local(self, t_ns: int, message: Any) -> None:
-        agreed = self.ground.disarmed or self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)
-        rests = agreed and self.landed(t_ns) is VehicleLanded.ON_GROUND
-        self.position.add_local(t_ns, message, on_ground=rests)
 
 
 def _caps(settings: AutopilotSettings) -> Mapping[int, float]:
