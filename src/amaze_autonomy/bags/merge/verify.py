@@ -148,9 +148,19 @@ def _chunks_in_order(index: Index) -> bool:
 READERS = ("rosbags", "rosbag", "librosbag")
 _LIMIT_S = 3600
 
+_NOT_HERE = 69
+"""EX_UNAVAILABLE of sysexits.h: the module cannot be imported, or is a folder of that name and nothing more."""
+_IMPORT = """
+import sys
+try:
+    import {module} as found
+except Exception:
+    found = None
+if getattr(found, "__file__", None) is None:
+    sys.exit({status})
+"""
 _ROSBAGS = """
 import json, sys, zlib
-from functools import partial
 from pathlib import Path
 from rosbags.rosbag1 import Reader
 with Reader(Path(sys.argv[1])) as reader:
@@ -177,6 +187,7 @@ with rosbag.Bag(sys.argv[1]) as bag:
             sums[topic] = sums.get(topic, 0) + zlib.crc32(message[1])
 json.dump({"messages": counts, "crc_sums": sums}, sys.stdout)
 """
+_READERS = (("rosbags", "rosbags.rosbag1", _ROSBAGS), ("rosbag", "rosbag", _ROSBAG))
 
 
 class Reading(NamedTuple):
@@ -202,12 +213,9 @@ def read_with(path: Path, *, every_message: bool) -> List[Reading]:
         path: of the bag.
         every_message: whether each message is to be read, or the index alone.
     """
-    readings = []
-    for reader, module, script in (("rosbags", "rosbags.rosbag1", _ROSBAGS), ("rosbag", "rosbag", _ROSBAG)):
-        python = _python_with(module)
-        if python:
-            how = "read" if every_message else "open"
-            readings.append(_asked(reader, [python, "-c", script, str(path.resolve()), how]))
+    how = "read" if every_message else "open"
+    asked = (_asked(reader, module, script, [str(path.resolve()), how]) for reader, module, script in _READERS)
+    readings = [each for each in asked if each is not None]
     if every_message and _librosbag():
         readings.append(_copied_by_librosbag(path))
     return readings
@@ -234,29 +242,27 @@ def _difference(one: Dict[str, int], other: Dict[str, int]) -> str:
     return ", ".join(f"{topic} {one.get(topic, 0)} instead of {other.get(topic, 0)}" for topic in topics)
 
 
-def _python_with(module: str) -> Optional[str]:
-    """Return an interpreter that can import a module, and not only a folder of that name: this one, else the system's.
+def _asked(reader: str, module: str, script: str, arguments: Sequence[str]) -> Optional[Reading]:
+    """Return what a reader says, in this interpreter, else in the system's; None: neither can import its module.
 
-    A shell of ROS tells every interpreter where rosbag is; what that imports, one that stands alone does not have.
+    A shell of ROS tells every interpreter where rosbag is; what that imports, one that stands alone does not have. They
+    work at the root of the file system: an interpreter imports from its working folder before all others.
     """
-    script = f"import {module} as found; raise SystemExit(getattr(found, '__file__', None) is None)"
-    for python in (sys.executable, "/usr/bin/python3"):
-        command = [python, "-c", script]
-        if shutil.which(python) and subprocess.run(command, capture_output=True, check=False, cwd="/").returncode == 0:
-            return python
+    script = _IMPORT.format(module=module, status=_NOT_HERE) + script
+    for python in filter(shutil.which, (sys.executable, "/usr/bin/python3")):
+        command = [python, "-c", script, *arguments]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False, cwd="/")
+        except subprocess.TimeoutExpired:
+            return Reading(reader, {}, {}, f"no answer within {_LIMIT_S} s")
+        if done.returncode == _NOT_HERE:
+            continue
+        if done.returncode:
+            return Reading(reader, {}, {}, _last_line(done.stderr))
+        said: Dict[str, Any] = json.loads(done.stdout)
+        counts = {topic: number for topic, number in said["messages"].items() if number}
+        return Reading(reader, counts, said["crc_sums"])
     return None
-
-
-def _asked(reader: str, command: List[str]) -> Reading:
-    """Return what an interpreter says, which imports from its working folder before all others."""
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False, cwd="/")
-    except subprocess.TimeoutExpired:
-        return Reading(reader, {}, {}, f"no answer within {_LIMIT_S} s")
-    if done.returncode:
-        return Reading(reader, {}, {}, _last_line(done.stderr))
-    said: Dict[str, Any] = json.loads(done.stdout)
-    return Reading(reader, {topic: number for topic, number in said["messages"].items() if number}, said["crc_sums"])
 
 
 def _last_line(text: str) -> str:
