@@ -223,15 +223,21 @@ def test_a_link_that_is_cut_at_the_lift_off_does_not_put_the_takeoff_place_into_
     assert vehicle.status(t_ns).height_m == pytest.approx(up_m, abs=0.2)
 
 
-def test_where_the_heartbeat_alone_tells_the_ground_a_position_after_it_is_not_the_takeoff_place():
+def test_where_the_heartbeat_alone_tells_the_ground_the_height_that_is_set_anew_at_arming_counts():
+    """As ArduCopter of 2015 in copter_low_battery: its height goes back to 0 as it arms, 2 s before it lifts off."""
     vehicle = VehicleState(AutopilotSettings())
-    for t_s, down_m in ((0, 0.1), (1, 0.2), (2, 0.3), (3, 0.3)):
-        vehicle.receive(t_s * S, mavlink.MAVLink_local_position_ned_message(50_000 + t_s * 1000, 0, 0, down_m, 0, 0, 0))
-        vehicle.receive(t_s * S, mavlink.MAVLink_ekf_status_report_message(0x33F, 0, 0, 0, 0, 0))
-        vehicle.receive(t_s * S, mavlink.MAVLink_heartbeat_message(2, 3, 0x01, 0, 3, 3))
-    assert vehicle.status(3 * S).height_m == 0.0
-    vehicle.receive(3 * S + S // 2, mavlink.MAVLink_local_position_ned_message(53_500, 0, 0, -2.7, 0, 0, 0))
-    assert vehicle.status(3 * S + S // 2).height_m == pytest.approx(3.0)
+
+    def say(t_ns, down_m, *, armed):
+        boot_ms = 50_000 + t_ns // 1_000_000
+        vehicle.receive(t_ns, mavlink.MAVLink_local_position_ned_message(boot_ms, 0, 0, down_m, 0, 0, 0))
+        vehicle.receive(t_ns, mavlink.MAVLink_ekf_status_report_message(0x33F, 0, 0, 0, 0, 0))
+        vehicle.receive(t_ns, mavlink.MAVLink_heartbeat_message(2, 3, 0x81 if armed else 0x01, 0, 4 if armed else 3, 3))
+
+    for t_s in range(4):
+        say(t_s * S, 1.0, armed=False)
+    say(3 * S + S // 2, 0.0, armed=True)
+    say(5 * S + S // 2, -2.0, armed=True)
+    assert vehicle.status(5 * S + S // 2).height_m == pytest.approx(2.0)
 
 
 def test_the_first_position_of_all_is_on_the_ground_when_it_comes_at_rest():

@@ -340,9 +340,13 @@ class VehicleState:
             self.position.stand(t_ns)
 
     def _local(self, t_ns: int, message: Any) -> None:
-        """Take a position; the first of all that comes at rest is on the ground, as ArduPilot's at its arming."""
+        """Take a position.
+
+        The first of all that comes at rest is on the ground; so is each where a heartbeat alone tells that, by which it
+        is disarmed: lift-off takes longer than that counts, and an ArduPilot sets its height anew as it arms.
+        """
         self.position.add_local(t_ns, message)
-        if not self.position.stood and self._rests(t_ns):
+        if (self._landed is None or not self.position.stood) and self._rests(t_ns):
             self.position.stand(t_ns)
 
     def _rests(self, t_ns: int) -> bool:
