@@ -20,7 +20,7 @@ from typing import Callable, Counter, Dict, Iterable, Iterator, List, NamedTuple
 
 from mutation_code import mutated, span
 from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT, Mutant
-from mutation_nets import MOST_S, PATHS, START_S, TIMES, Look, Seen, look, observe, start
+from mutation_nets import FIRST_BOUNDS, MOST_S, PATHS, START_S, TIMES, Look, Seen, look, observe, start
 from mutation_results import RESULTS, Results, read
 
 COPIED = (
@@ -238,7 +238,9 @@ class Campaign:
         answer = tree / "answer.json"
         if answer.exists():
             answer.unlink()
-        process = start(tree, lambda: look(Look(task.net, rest[:count])), answer, limit_s)
+        survived = self._before.get((task.mutant.key, task.net)) == ""  # it will most likely again, at any bound
+        one = Look(task.net, rest[:count], () if survived else FIRST_BOUNDS)
+        process = start(tree, lambda: look(one), answer, limit_s)
         again = alone and task.net == EXPLORER  # what is reached is asked of all worlds together
         running[process] = Running(task, tree, time.monotonic(), rest if again else rest[count:], limit_s)
 

@@ -41,10 +41,11 @@ all worlds of the explorer need two minutes and a half, and twice that beside ot
 
 
 class Look(NamedTuple):
-    """One process: a net, and which of its worlds or tests, in order; without any: all."""
+    """One process: a net, which of its worlds or tests, in order (none: all); with which bounds a world begins."""
 
     net: str
     names: Tuple[str, ...]
+    bounds: Tuple[int, ...] = FIRST_BOUNDS
 
 
 class Seen(NamedTuple):
@@ -97,7 +98,7 @@ def _settle(tree: Path, limit_s: int) -> None:
 def look(which: Look) -> str:
     """Return what notices that something is wrong; empty: nothing does."""
     if which.net == EXPLORER:
-        return _explored(which.names)
+        return _explored(which)
     watch = _Watch(which.names)
     status = pytest.main([*_PYTEST, "--tb=no", *watch.paths(PATHS[which.net])], [watch])
     if status in {pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED}:
@@ -139,8 +140,8 @@ def _proof() -> Any:
     return mutation_explorer
 
 
-def _explored(names: Sequence[str]) -> str:
-    found: str = _proof().broken(names, FIRST_BOUNDS)
+def _explored(which: Look) -> str:
+    found: str = _proof().broken(which.names, which.bounds)
     return found
 
 
