@@ -262,7 +262,7 @@ def test_a_position_counts_from_the_takeoff_place_east_north_up():
     position = Position(2 * S, S // 2)
     position.add_px4_flags(0, flags(0b1101111111))
     position.add_local(0, local(1.0, 2.0, 0.5))
-    position.stand(0)
+    position.rest(0, final=False)
     position.add_local(S, local(4.0, 8.0, -9.5, vz=-1.5))
     assert position.place(S) == Place(6.0, 3.0, 10.0, 1.5, 0.0)
     assert position.place(S + S // 2) == Place(6.0, 3.0, 10.0, 1.5, 0.0)

@@ -11,7 +11,7 @@ the origin of its local frame, or while it has none. There zeros count as where 
 from __future__ import annotations
 
 from math import cos, isfinite, radians, sqrt
-from typing import Any, NamedTuple, Optional, Tuple
+from typing import Any, List, NamedTuple, Optional, Tuple
 
 from ..link.dialect import mavlink
 
@@ -22,8 +22,11 @@ _HORIZONTAL = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_POS_HORIZ_ABS
 _VELOCITY_HORIZONTAL = mavlink.ESTIMATOR_VELOCITY_HORIZ
 _VERTICAL = mavlink.ESTIMATOR_POS_VERT_ABS
 _ARDUPILOT_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED
+_APART_NS = 50_000_000  # of what comes in less behind a stall nobody knows the order
+_JUMP_M = 1.0  # between two positions, beyond what their speed explains: the frame was set anew
+_S = 1_000_000_000
 _FARTHEST_M = 1e6  # of what is believed to be a number at all
-_UNSAID: Vector = (0.0, 0.0, 0.0)
+_NOWHERE: Vector = (0.0, 0.0, 0.0)
 _ARDUPILOT_M = 0.011131884502145034  # of 1e-7 degrees of latitude, on the sphere of which its local frame is made
 _DEG7, _MM = 1e-7, 1e-3
 _TURN = 3_600_000_000  # in 1e-7 degrees
@@ -59,7 +62,10 @@ class Position:
         self._age_limit_ns, self._speed_age_limit_ns = age_limit_ns, speed_age_limit_ns
         self._local: Optional[Tuple[int, Vector, Vector]] = None
         self._flags: Optional[Tuple[int, int]] = None
+        self._good: List[Tuple[int, Vector]] = []  # the last two with a valid height, that did not come at once
         self._takeoff: Optional[Vector] = None
+        self._stood: Optional[Vector] = None  # what it is when it has lifted off
+        self._at_rest = False
         self._home: Optional[Vector] = None
         self._home_on_earth: Optional[OnEarth] = None
         self._origin: Optional[OnEarth] = None
@@ -72,12 +78,44 @@ class Position:
         if not all(isfinite(value) and abs(value) < _FARTHEST_M for value in where):
             self._local = None
             return
-        self._local = (t_ns, where, (message.vx, message.vy, message.vz))
+        speed = (message.vx, message.vy, message.vz)
+        if self._stood is not None and self._at_rest:
+            step = self._jump(t_ns, where, speed)
+            self._stood = (self._stood[0] + step[0], self._stood[1] + step[1], self._stood[2] + step[2])
+        self._local = (t_ns, where, speed)
+        if self._has(t_ns, _VERTICAL) and (not self._good or t_ns - self._good[-1][0] >= _APART_NS):
+            self._good = [*self._good[-1:], (t_ns, where)]
+
+    def _jump(self, t_ns: int, where: Vector, speed: Vector) -> Vector:
+        """Return how far the frame has jumped since the last position: what the vehicle's speed does not explain."""
+        if self._local is None or t_ns - self._local[0] > self._speed_age_limit_ns:
+            return _NOWHERE
+        passed_s, before = (t_ns - self._local[0]) / _S, self._local[1]
+        step = (where[0] - before[0], where[1] - before[1], where[2] - before[2])
+        return step if any(abs(way - v * passed_s) > _JUMP_M for way, v in zip(step, speed)) else _NOWHERE
+
+    def rest(self, t_ns: int, *, final: bool) -> None:
+        """Take a position that comes at rest: heights count from it at once, whatever its frame did.
+
+        Args:
+            t_ns: when it came.
+            final: whether they do after the lift-off, too; else from what came before ON_GROUND was said last.
+        """
+        if self._local is not None and self._has(t_ns, _VERTICAL):
+            self._takeoff = self._local[1]
+            self._stood = self._takeoff if final else self._stood if self._at_rest else None
+            self._at_rest = True
 
     def stand(self, t_ns: int) -> None:
-        """Take the last position, with a valid estimate, as the takeoff place: what came after it said ON_GROUND."""
-        if self._local is not None and t_ns - self._local[0] <= self._age_limit_ns and self._has(t_ns, _VERTICAL):
-            self._takeoff = self._local[1]
+        """Remember the last position of before ON_GROUND was said: behind mavros what comes at once has no order."""
+        before = [each for each in self._good if _APART_NS <= t_ns - each[0] <= self._speed_age_limit_ns]
+        if before:
+            self._stood = before[-1][1]
+
+    def leave(self) -> None:
+        """Count from where it was known to stand: it does not rest any more, and lifted off before that was said."""
+        self._at_rest = False
+        self._takeoff = self._stood = self._stood or self._takeoff
 
     def add_px4_flags(self, t_ns: int, message: Any) -> None:
         """Take an ESTIMATOR_STATUS; PX4 also sets CONST_POS_MODE at rest on the ground, where it says nothing."""
@@ -99,11 +137,6 @@ class Position:
     def add_origin(self, _t_ns: int, message: Any) -> None:
         """Take a GPS_GLOBAL_ORIGIN: where the local frame begins."""
         self._origin = OnEarth(message.latitude, message.longitude, message.altitude)
-
-    @property
-    def stood(self) -> bool:
-        """Whether a takeoff place is known."""
-        return self._takeoff is not None
 
     @property
     def judged(self) -> bool:
@@ -132,13 +165,13 @@ class Position:
 
     def forget_takeoff(self) -> None:
         """Forget the takeoff place: the autopilot has started again, and its origin with it."""
-        self._local = None  # of the frame before
-        self._takeoff = self._home = self._home_on_earth = self._origin = self.home_ns = None
+        self._local, self._good = None, []  # of the frame before
+        self._takeoff = self._stood = self._home = self._home_on_earth = self._origin = self.home_ns = None
 
     @property
     def _local_home(self) -> Optional[Vector]:
         """The local place of home; None: unknown. Whose flags came tells whose zeros they are."""
-        if self._home != _UNSAID or not self._bad:
+        if self._home != _NOWHERE or not self._bad:
             return self._home
         home, origin = self._home_on_earth, self._origin
         return None if home is None or origin is None else _local(home, origin)

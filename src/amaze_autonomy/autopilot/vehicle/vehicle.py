@@ -334,23 +334,30 @@ class VehicleState:
         self._add_landed(t_ns)
 
     def _add_landed(self, t_ns: int) -> None:
-        """Take what was said of the ground; the position of before it, not one that comes later, is on it."""
+        """Take what was said of the ground."""
         self.ground.add_landed(t_ns, self.landed(t_ns))
         if self._rests(t_ns):
             self.position.stand(t_ns)
+        else:
+            self.position.leave()
 
     def _local(self, t_ns: int, message: Any) -> None:
-        """Take a position.
+        """Take a position; where a heartbeat alone tells the ground, one that comes at rest is the takeoff place.
 
-        The first of all that comes at rest is on the ground; so is each where a heartbeat alone tells that, by which it
-        is disarmed: lift-off takes longer than that counts, and an ArduPilot sets its height anew as it arms.
+        It is disarmed by that, and lifts off after it counts no more; an ArduPilot sets its height anew as it arms.
         """
         self.position.add_local(t_ns, message)
-        if (self._landed is None or not self.position.stood) and self._rests(t_ns):
-            self.position.stand(t_ns)
+        if self._rests(t_ns):
+            self.position.rest(t_ns, final=self._landed is None)
+        else:
+            self.position.leave()
 
     def _rests(self, t_ns: int) -> bool:
-        agreed = self.ground.disarmed or self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)
+        """Return whether it is known to stand; a heartbeat says so for no longer than a landed state."""
+        limit_ns = self._settings.limits.state_age_limit_ns
+        if self._landed is None and (self.beat is None or t_ns - self.beat.t_ns > limit_ns):
+            return False
+        agreed = self.ground.disarmed or self.ground.stands(t_ns, limit_ns)
         return agreed and self.landed(t_ns) is VehicleLanded.ON_GROUND
 
     def _system(self, t_ns: int, message: Any) -> None:
