@@ -20,7 +20,7 @@ from amaze_autonomy.engine.events import Check, Verdict
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.ros.clock import SimulatedClock
 from amaze_autonomy.ros.errors import StartError
-from amaze_autonomy.ros.node_main import Startup
+from amaze_autonomy.ros.node_main import Startup, flag, seconds, whole_number
 
 S = 1_000_000_000
 ROWS = (Check("age", Verdict.UNKNOWN), Check("tilt", Verdict.FAIL), Check("rate", Verdict.PASS))
@@ -51,6 +51,23 @@ def test_the_parameter_is_before_the_configuration(startup):
 def test_what_is_no_time_does_not_start(startup, nonsense):
     with pytest.raises(StartError, match="startup_time"):
         startup(nonsense)
+
+
+@pytest.mark.parametrize(
+    "read, good, nonsense",
+    [
+        (lambda: flag("drivers", default=False), True, ["yes", 1, None, [True]]),
+        (lambda: seconds("hover", 1.0, 60.0), 60, [60.1, -1, "soon", True, float("nan"), None]),
+        (lambda: whole_number("seed", 0), -3, ["abc", 1.5, True, None]),
+    ],
+)
+def test_a_parameter_that_is_not_of_its_kind_is_refused_by_its_name(monkeypatch, read, good, nonsense):
+    monkeypatch.setattr(rospy, "get_param", lambda _name, _otherwise: good)
+    assert read() == good
+    for value in nonsense:
+        monkeypatch.setattr(rospy, "get_param", lambda _name, _otherwise, value=value: value)
+        with pytest.raises(StartError, match=r"^~(drivers|hover|seed) is .*, must be "):
+            read()
 
 
 @pytest.mark.live

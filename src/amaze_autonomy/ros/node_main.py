@@ -77,7 +77,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
     rospy.on_shutdown(leave)  # called before the topics are closed
     try:
         warn_of_parameters(name)
-        take_precedence_or_say(_nice())
+        take_precedence_or_say(nice_of_process())
         configuration = load_configuration(configuration_folder(), overrides())
         wait_for_time(stopped)
         node = make(configuration, make_clock(stall_limit_ns=configuration.rules.limits.clock_stall_limit_ns))
@@ -137,17 +137,48 @@ def _startup_ns(otherwise_ns: int) -> int:
     Raises:
         StartError: It is no time.
     """
-    value = rospy.get_param("~startup_time", otherwise_ns * 1e-9)
-    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0.0 <= value < _LONGEST_S:
-        raise StartError(f"~startup_time is {value!r}, must be seconds, not negative")
-    return round(value * 1e9)
+    return round(seconds("startup_time", otherwise_ns * 1e-9, _LONGEST_S) * 1e9)
 
 
-def _nice() -> int:
-    value = rospy.get_param("~nice", -10)
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise StartError(f"~nice is {value!r}, must be a whole number")
+def flag(name: str, *, default: bool) -> bool:
+    """Return a private parameter that is true or false.
+
+    Raises:
+        StartError: It is neither.
+    """
+    value = rospy.get_param(f"~{name}", default)
+    if not isinstance(value, bool):
+        raise StartError(f"~{name} is {value!r}, must be true or false")
     return value
+
+
+def seconds(name: str, default: float, most_s: float = 1e9) -> float:
+    """Return a private parameter that is a time.
+
+    Raises:
+        StartError: It is none, or negative, or longer than `most_s`.
+    """
+    value = rospy.get_param(f"~{name}", default)
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0.0 <= value <= most_s:
+        raise StartError(f"~{name} is {value!r}, must be 0 to {most_s:g} seconds")
+    return float(value)
+
+
+def whole_number(name: str, default: int) -> int:
+    """Return a private parameter that is a whole number.
+
+    Raises:
+        StartError: It is none.
+    """
+    value = rospy.get_param(f"~{name}", default)
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise StartError(f"~{name} is {value!r}, must be a whole number")
+    return value
+
+
+def nice_of_process() -> int:
+    """Return ~nice: what the niceness of this process is to be, where the system permits it."""
+    return whole_number("nice", -10)
 
 
 # --- parameters -------------------------------------------------------------------------------------------------------
@@ -192,40 +223,23 @@ def _words(name: str, value: Any) -> Tuple[str, ...]:
     raise StartError(f"~{name} is {value!r}, must be ids of missions, e.g. 1 or '1,2'")
 
 
-def _flag(name: str, default: bool) -> bool:  # noqa: FBT001 - a parameter of rospy's kind
-    value = rospy.get_param(f"~{name}", default)
-    if not isinstance(value, bool):
-        raise StartError(f"~{name} is {value!r}, must be true or false")
-    return value
-
-
-def _seconds(name: str, default: float) -> float:
-    value = rospy.get_param(f"~{name}", default)
-    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0.0 <= value < float("inf"):
-        raise StartError(f"~{name} is {value!r}, must be seconds, not negative")
-    return float(value)
-
-
 def read_parameters() -> Parameters:
     """Read them from the parameter server, and what is none from the command line.
 
     Raises:
         StartError: One is not of its kind.
     """
-    nice = rospy.get_param("~nice", -10)
-    if not isinstance(nice, int) or isinstance(nice, bool):
-        raise StartError(f"~nice is {nice!r}, must be a whole number")
     return Parameters(
         config=configuration_folder(),
         overrides=overrides(),
         missions=_words("mission", rospy.get_param("~mission", "")),
         output=given("output"),
         runs=given("runs"),
-        exit_when_ended=_flag("exit_when_ended", default=False),
-        unattended=_flag("unattended", default=False),
-        peers_limit_s=_seconds("peers_limit", 15.0),
-        resume=_flag("resume", default=True),
-        nice=nice,
+        exit_when_ended=flag("exit_when_ended", default=False),
+        unattended=flag("unattended", default=False),
+        peers_limit_s=seconds("peers_limit", 15.0),
+        resume=flag("resume", default=True),
+        nice=nice_of_process(),
     )
 
 

@@ -44,7 +44,7 @@ from amaze_autonomy.ros.clock import Clock, Periodic, Workers
 
 from ...ros.errors import StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, read_status, ros_time
-from ...ros.node_main import run_node
+from ...ros.node_main import run_node, seconds
 from ...ros.service_client import ServiceClient
 from ..autonomy.requests import Requests
 from .names import Names
@@ -273,7 +273,7 @@ def _make(names: Tuple[str, ...], configuration: Configuration) -> Dict[str, Ser
         rules.limits,
         begin,
         configuration.planner.acceptance_radius_m,
-        _hover_ns(),
+        round(seconds("hover", 60.0, _LONGEST_HOVER_S) * _S),
         round(configuration.bounds.max_hold_s * _S),
     )
     makers: Mapping[str, Callable[[], Served]] = {
@@ -284,13 +284,6 @@ def _make(names: Tuple[str, ...], configuration: Configuration) -> Dict[str, Ser
         "data_recorder": lambda: ServedRecorder(ids, rules, begin),
     }
     return {name: makers[name]() for name in names}
-
-
-def _hover_ns() -> int:
-    value = rospy.get_param("~hover", 60.0)
-    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0.0 <= value <= _LONGEST_HOVER_S:
-        raise StartError(f"~hover is {value!r}, must be 0 to {_LONGEST_HOVER_S:g} seconds")
-    return round(value * _S)
 
 
 def _entities(configuration: Configuration) -> Dict[str, Entity]:

@@ -39,7 +39,7 @@ from amaze_autonomy.recording import Command, RecordingError
 from amaze_autonomy.recording.storage import STATE, read_json, write_json
 from amaze_autonomy.ros.clock import Clock
 
-from ...ros.node_main import run_node
+from ...ros.node_main import flag, run_node
 from ..autonomy.run_folder import boot_id
 from .collector import RecorderCollector
 from .platform import RecorderPlatform
@@ -196,7 +196,7 @@ def make_recorder(configuration: Configuration, clock: Clock) -> Union[DataRecor
     """
     name = str(rospy.get_param("~platform", ""))
     known = [each.name for each in configuration.recording.platforms]
-    if rospy.get_param("~optional", False) and name and name not in known:
+    if flag("optional", default=False) and name and name not in known:
         rospy.loginfo("recording.yaml has no platform %s: nothing is recorded here", name)
         return AbsentPlatform()
     return DataRecorderNode(configuration, clock)

@@ -270,7 +270,7 @@ def _make(stopped: threading.Event) -> SimulationNode:
     wait_for_time(stopped)
     clock = make_clock()
     start_ns = max(0, clock.now_ns() - _HISTORY_NS)
-    seed, over_mavlink = int(rospy.get_param("~seed", 0)), bool(rospy.get_param("~mavlink", False))
+    seed, over_mavlink = node_main.whole_number("seed", 0), node_main.flag("mavlink", default=False)
     serve: Optional[Callable[[LiveWorld], VehicleServer]] = None
     observed: Optional[Connection] = None
     if str(rospy.get_param("~vehicle", "px4")) == _EXTERNAL:
@@ -280,8 +280,8 @@ def _make(stopped: threading.Event) -> SimulationNode:
     else:
         world = World(configuration, seed, scenario, start_ns=start_ns, live=True)
     received = Received(given("received"))
-    sensors = bool(rospy.get_param("~sensors", True)) and ("mission_planner" in peers or over_mavlink)
-    drivers = bool(rospy.get_param("~drivers", False))
+    sensors = node_main.flag("sensors", default=True) and ("mission_planner" in peers or over_mavlink)
+    drivers = node_main.flag("drivers", default=False)
     nodes = {name: name for name in real}
     if "data_recorder" in nodes:
         nodes["data_recorder"] = f"data_recorder_{configuration.recording.collector}"
@@ -323,7 +323,7 @@ def _observing(
     configuration: Configuration, scenario: Optional[Scenario], seed: int, start_ns: int, clock: Clock
 ) -> Tuple[World, Connection]:
     """Make a world whose vehicle is flown elsewhere, and the link on which it is heard."""
-    if not bool(rospy.get_param("~mavlink", False)):
+    if not node_main.flag("mavlink", default=False):
         raise StartError("~vehicle is external, but nothing flies it: autopilot and planner must be real nodes")
     seen = Observer()
     own = Identity(configuration.autopilot.link.system_id, _OBSERVER, configuration.autopilot.link.vehicle_id)

@@ -110,7 +110,7 @@ class RecordedPeers:
         rospy.ServiceProxy(f"{self._player}/pause_playback", SetBool)(False)
         missions = [word.strip() for word in str(rospy.get_param("~missions", "")).split(",") if word.strip()]
         if missions:
-            self._wait_until(begin_ns + round(float(rospy.get_param("~select_at_s", 0.0)) * 1e9))
+            self._wait_until(begin_ns + round(node_main.seconds("select_at_s", 0.0) * 1e9))
             answer = rospy.ServiceProxy("autonomy/select_mission", srv.SelectMission)(missions)
             if not answer.accepted:
                 raise StartError(f"the missions are refused: {answer.message}")
@@ -119,7 +119,7 @@ class RecordedPeers:
 
     def _wait_connected(self) -> None:
         """Wait until every node reads what it wants of the recording, and has asked for nothing new for a while."""
-        deadline_s = time.monotonic() + float(rospy.get_param("~limit_s", 20.0))
+        deadline_s = time.monotonic() + node_main.seconds("limit_s", 20.0)
         wanted: Dict[str, List[str]] = {}
         steady, missing = 0, ["the player"]
         while (missing or steady < _STEADY_LOOKS) and not rospy.is_shutdown():
