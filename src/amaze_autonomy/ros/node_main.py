@@ -140,6 +140,10 @@ def _startup_ns(otherwise_ns: int) -> int:
     return round(seconds("startup_time", otherwise_ns * 1e-9, _LONGEST_S) * 1e9)
 
 
+# --- parameters -------------------------------------------------------------------------------------------------------
+# The private parameters of nodes by their kind; those of the autonomy node, and its words.
+
+
 def flag(name: str, *, default: bool) -> bool:
     """Return a private parameter that is true or false.
 
@@ -179,10 +183,6 @@ def whole_number(name: str, default: int) -> int:
 def nice_of_process() -> int:
     """Return ~nice: what the niceness of this process is to be, where the system permits it."""
     return whole_number("nice", -10)
-
-
-# --- parameters -------------------------------------------------------------------------------------------------------
-# The private parameters of the autonomy node, and its words.
 
 
 @dataclass(frozen=True)
