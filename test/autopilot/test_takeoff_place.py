@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from px4_tools import S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot.vehicle.vehicle import VehicleState
 from amaze_autonomy.config import AutopilotSettings
+
+S = 1_000_000_000
 
 
 @pytest.mark.parametrize("cut_s", [0.0, 1.0, 1.5, 1.8])
