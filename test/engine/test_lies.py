@@ -193,6 +193,17 @@ def test_a_takeoff_goes_through_its_modes_as_ours(modes):
         story.after(1.5).expect("MISSION", "flying")
 
 
+def test_set_points_of_a_takeoff_are_somebody_elses_once_the_mission_is_flown():
+    story = at("TAKEOFF climbing")
+    story.planner.flown_ns, story.vehicle.says["mode"] = -(10**12), "OFFBOARD"  # ArduPilot takes off in its GUIDED
+    story.until("MISSION", "flying")
+    for mode in ("OFFBOARD", "AUTO.MISSION"):
+        story.vehicle.says["mode"] = mode
+        story.after(1.5).expect("MISSION", "flying")
+    story.vehicle.says["mode"] = "OFFBOARD"
+    story.after(1.0).expect("PILOT")
+
+
 def test_after_our_own_hold_the_mission_goes_through_its_modes_again():
     story = hovering("AUTO.MISSION")
     story.fail("lrf", 8).until("HOLD", "holding").back("lrf").until("HOLD", "resuming")

@@ -147,6 +147,19 @@ def test_a_check_that_is_not_answered_is_not_passed(check, outcome):
     assert story.motions == []
 
 
+@pytest.mark.parametrize(("since_start_ns", "place"), [(0, "PREFLIGHT"), (10 * S - 1, "PREFLIGHT"), (10 * S, "OUTREACH")])
+def test_a_node_may_be_starting_from_the_engines_own_start_as_long_as_the_watchdog_may(since_start_ns, place):
+    story = at("MISSION_INPUT")
+    story.answers["check:battery"] = None
+    story.select().after(0.3)
+    battery = next(r for r in story.state.preflight.checks if r.check is CheckName.BATTERY)
+    story.state = evolve(story.state, started_ns=story.now - since_start_ns)
+    story.feed(
+        ev.CheckReply, command_id=battery.command_id, check=CheckName.BATTERY, outcome=ev.Outcome.UNAVAILABLE, ok=False
+    )
+    story.expect(place)
+
+
 # --- sessions ---------------------------------------------------------------------------------------------------------
 
 

@@ -121,6 +121,12 @@ def test_a_tilted_vehicle_is_told_the_side_and_the_limit(angle_deg: float, side:
     assert verdict.tilt_rad == pytest.approx(radians(14.0))
 
 
+def test_what_reads_samples_in_bulk_gets_at_the_window_and_the_rate_that_the_verdict_is_of():
+    monitor = on_the_pad()
+    measured = monitor.imu.statistics(NOW, monitor.spec.window_ns)
+    assert (measured.acceleration, monitor.rate.total) == (pytest.approx((0.0, 0.0, G)), 121)
+
+
 def test_an_imu_on_its_side_is_wrong_until_its_mounting_is_given():
     wrong = on_the_pad(up=(0.0, G, 0.0)).check(NOW)
     advice = "vehicle is tilted 90 deg to the right, limit 10 deg; if it stands level, imu_mounting_rpy_deg is wrong"
