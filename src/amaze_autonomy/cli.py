@@ -13,8 +13,8 @@ from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optio
 from . import paths
 from .bags.cli import add_memory
 from .command_line import run_command, say_wrong
+from .files import write_whole
 from .paths import expanded
-from .whole_file import write_whole
 
 OK, WRONG, USAGE, NOBODY = 0, 1, 2, 3
 _RAW = argparse.RawDescriptionHelpFormatter

@@ -15,11 +15,11 @@ import pytest
 from bag_tools import COMPRESSIONS, MS, bag, digest, every_kill, multiset, rows, text, unclosed
 from replay_bags import START_NS
 
+from amaze_autonomy.bags.arrays import index_records
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.format import Connection, message_fields, pack_field
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge.manifest import manifest_path
-from amaze_autonomy.bags.read import index_records
 from amaze_autonomy.bags.write import Output
 
 ROOT = Path(__file__).parents[2]

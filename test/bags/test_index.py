@@ -11,9 +11,9 @@ from bag_tools import bag, rows
 from hypothesis import given
 from hypothesis import strategies as st
 
+from amaze_autonomy.bags.arrays import index_records, joined_parts
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Entries, Index
-from amaze_autonomy.bags.read import index_records, joined_parts
 from amaze_autonomy.bags.recover.salvage import Kept
 
 times = st.tuples(st.integers(0, 3) | st.integers(0, 2**32 - 1), st.integers(0, 5) | st.integers(0, 999_999_999))

@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "src"))
 
 import numpy as np
 
+from amaze_autonomy.bags.arrays import index_records
 from amaze_autonomy.bags.format import Connection, connection_record, message_fields, pack_field
-from amaze_autonomy.bags.read import index_records
 from amaze_autonomy.bags.write import Output
 
 START_NS, ROUNDS = 1_600_000_000_000_000_000, 3

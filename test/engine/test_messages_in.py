@@ -147,7 +147,7 @@ def test_a_check_that_is_not_answered_is_not_passed(check, outcome):
     assert story.motions == []
 
 
-@pytest.mark.parametrize(("since_start_ns", "place"), [(0, "PREFLIGHT"), (10 * S - 1, "PREFLIGHT"), (10 * S, "OUTREACH")])
+@pytest.mark.parametrize("since_start_ns, place", [(0, "PREFLIGHT"), (10 * S - 1, "PREFLIGHT"), (10 * S, "OUTREACH")])
 def test_a_node_may_be_starting_from_the_engines_own_start_as_long_as_the_watchdog_may(since_start_ns, place):
     story = at("MISSION_INPUT")
     story.answers["check:battery"] = None

@@ -16,8 +16,9 @@ pytest.importorskip("rospy")
 from amaze_autonomy.engine.events import WatchdogAction
 from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.journal.journal import DeltaEncoder, read
-from amaze_autonomy.nodes.autonomy import run_folder
-from amaze_autonomy.nodes.autonomy.run_folder import Place, create, go_on, open_locked
+from amaze_autonomy.nodes.autonomy import journal_file
+from amaze_autonomy.nodes.autonomy.journal_file import create, go_on, open_locked
+from amaze_autonomy.nodes.autonomy.run_folder import Place
 from amaze_autonomy.ros.errors import StartError
 
 HEADER = '{"kind":"header"}'
@@ -77,7 +78,7 @@ def test_it_goes_on_after_the_last_whole_line(tmp_path, journal):
 
 @pytest.mark.usefixtures("journal")
 def test_two_nodes_do_not_write_one_journal(tmp_path):
-    program = "import sys; from pathlib import Path; from amaze_autonomy.nodes.autonomy import run_folder as j\n"
+    program = "import sys; from pathlib import Path; from amaze_autonomy.nodes.autonomy import journal_file as j\n"
     program += "j._lock.__defaults__ = (0.1,)\n"
     program += "from amaze_autonomy.ros.errors import StartError\n"
     program += "try: j.open_locked(Path(sys.argv[1]))\nexcept StartError as error: print(error)\n"
@@ -97,7 +98,7 @@ class FullDisk:
     def __init__(self, monkeypatch, free):
         self.free = free
         self._write = os.write
-        monkeypatch.setattr(run_folder.os, "write", self.write)
+        monkeypatch.setattr(journal_file.os, "write", self.write)
 
     def write(self, descriptor, data):
         if self.free <= 0:
@@ -152,7 +153,7 @@ def test_a_disk_that_is_full_within_a_line_leaves_no_half_one_before_the_next(tm
 
 
 def test_a_disk_that_takes_nothing_and_says_nothing_is_full(tmp_path, journal, monkeypatch):
-    monkeypatch.setattr(run_folder.os, "write", lambda *_: 0)
+    monkeypatch.setattr(journal_file.os, "write", lambda *_: 0)
     journal.append("a")
     journal.flush()
     assert "No space left" in journal.problem
@@ -163,7 +164,7 @@ def test_a_half_line_that_cannot_be_taken_back_is_before_the_next_is_written(tmp
     disk = FullDisk(monkeypatch, 7)
     journal.append("a" * 20)
     with monkeypatch.context() as patched:
-        patched.setattr(run_folder.os, "ftruncate", Mock(side_effect=OSError(errno.EIO, "Input/output error")))
+        patched.setattr(journal_file.os, "ftruncate", Mock(side_effect=OSError(errno.EIO, "Input/output error")))
         journal.flush()
         assert "Input/output error" in journal.problem
         disk.free = 1000
@@ -182,7 +183,7 @@ def test_half_a_line_is_not_taken_along_to_another_place(tmp_path, monkeypatch):
     disk = FullDisk(monkeypatch, 7)
     journal.append("a" * 20)
     with monkeypatch.context() as patched:
-        patched.setattr(run_folder.os, "ftruncate", Mock(side_effect=OSError(errno.EIO, "Input/output error")))
+        patched.setattr(journal_file.os, "ftruncate", Mock(side_effect=OSError(errno.EIO, "Input/output error")))
         journal.flush()
         disk.free = 1000
         shutil.rmtree(tmp_path / "run")
@@ -215,7 +216,7 @@ def test_it_does_not_try_a_full_disk_at_every_line(tmp_path, journal, monkeypatc
 def test_what_is_kept_for_a_disk_has_a_limit_and_what_is_behind_the_gap_can_be_read(tmp_path, monkeypatch):
     journal, encoder = create(tmp_path, '{"kind":"header","version":1}', Place().elsewhere), DeltaEncoder()
     disk = FullDisk(monkeypatch, 0)
-    monkeypatch.setattr(run_folder, "_MOST_KEPT", 1000)
+    monkeypatch.setattr(journal_file, "_MOST_KEPT", 1000)
     heartbeats = [WatchdogAction(t_ns=n, sequence=n, loop_counter=n, code=Code.NOMINAL) for n in range(100, 150)]
     given_up = 0
     for number, event in enumerate(heartbeats):
@@ -267,7 +268,7 @@ def test_a_journal_that_is_removed_goes_on_elsewhere_and_is_whole(tmp_path, happ
         f"The journal was removed: {tmp_path}/run/journal.jsonl. It goes on at {tmp_path}/other/journal.jsonl, whole."
     )
     with pytest.raises(StartError, match="written by another node"):
-        run_folder._lock(os.open(journal.path, os.O_RDWR), journal.path, 0.1)
+        journal_file._lock(os.open(journal.path, os.O_RDWR), journal.path, 0.1)
     journal.close()
 
 

@@ -13,8 +13,9 @@ pytest.importorskip("rospy")
 
 from amaze_autonomy import msg
 from amaze_autonomy.nodes.autonomy import journal_topic
+from amaze_autonomy.nodes.autonomy.journal_file import create
 from amaze_autonomy.nodes.autonomy.journal_topic import Cursor, JournalLines, JournalTopic
-from amaze_autonomy.nodes.autonomy.run_folder import Place, create
+from amaze_autonomy.nodes.autonomy.run_folder import Place
 
 HEADER = '{"kind":"header"}'
 

@@ -23,9 +23,10 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.journal.journal import read
 from amaze_autonomy.journal.report import MessageLog, end_on_the_way
-from amaze_autonomy.nodes.autonomy import outbox, run_folder
+from amaze_autonomy.nodes.autonomy import journal_file, outbox
+from amaze_autonomy.nodes.autonomy.journal_file import create
 from amaze_autonomy.nodes.autonomy.outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
-from amaze_autonomy.nodes.autonomy.run_folder import Place, create
+from amaze_autonomy.nodes.autonomy.run_folder import Place
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.ros.clock import SimulatedClock
 from amaze_autonomy.simulation.run import run as simulate
@@ -68,7 +69,7 @@ class SlowDisk:
     def __init__(self, monkeypatch, takes_s):
         self.descriptors, self.at_once, self.most = [], 0, 0
         self._takes_s, self._lock = takes_s, threading.Lock()
-        monkeypatch.setattr(run_folder.os, "fdatasync", self.sync)
+        monkeypatch.setattr(journal_file.os, "fdatasync", self.sync)
 
     def sync(self, descriptor):
         with self._lock:
@@ -103,9 +104,9 @@ def test_a_disk_that_cannot_be_asked_is_said_and_asked_again(run, monkeypatch, t
     run.append("a")
     run.flush()
     with monkeypatch.context() as patched:
-        patched.setattr(run_folder.os, "dup", refused)
+        patched.setattr(journal_file.os, "dup", refused)
         if isinstance(trouble, RuntimeError):
-            patched.setattr(run_folder.threading, "Thread", refused)
+            patched.setattr(journal_file.threading, "Thread", refused)
         run.sync()
     assert run.problem == f"{run.path}: {trouble}"
     run.sync()
@@ -176,9 +177,9 @@ def test_what_is_shown_is_in_the_journal(run):
 
 @pytest.mark.live
 def test_a_disk_that_holds_up_a_write_for_ever_silences_neither_state_nor_messages(run, monkeypatch):
-    answers, write = threading.Event(), run_folder.os.write
-    monkeypatch.setattr(run_folder, "_HELD_UP_S", 0.2)
-    monkeypatch.setattr(run_folder.os, "write", lambda *words: answers.wait(30.0) and write(*words))
+    answers, write = threading.Event(), journal_file.os.write
+    monkeypatch.setattr(journal_file, "_HELD_UP_S", 0.2)
+    monkeypatch.setattr(journal_file.os, "write", lambda *words: answers.wait(30.0) and write(*words))
     states, messages, logged = [], [], []
     monkeypatch.setitem(outbox._SAY, Level.ALARM, lambda _, text, advice: logged.append(text + advice))
     box = Outbox(run, Timeline(), CLOCK, states.append, lambda t_ns, _: messages.append(t_ns), lambda: None)
@@ -236,7 +237,7 @@ def test_a_disk_that_cannot_be_written_is_told_to_the_operator(run, monkeypatch)
     assert run.remarks == ()
     run.append("a")
     with monkeypatch.context() as patched:
-        patched.setattr(run_folder.os, "write", full)
+        patched.setattr(journal_file.os, "write", full)
         run.flush()
     assert run.remarks == (
         f"The journal cannot be written: {run.path}: No space left on device."
@@ -272,7 +273,7 @@ def test_what_the_disk_could_not_keep_is_said_until_it_can(run, monkeypatch):
         if failing.is_set():
             raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(run_folder.os, "fdatasync", sync)
+    monkeypatch.setattr(journal_file.os, "fdatasync", sync)
     for fails, problem in ((True, f"{run.path}: Input/output error"), (False, "")):
         (failing.set if fails else failing.clear)()
         run.append("a")

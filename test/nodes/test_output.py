@@ -21,8 +21,8 @@ from launched import launched
 from amaze_autonomy.engine.events import EngineStarted, Landed, LandedStatus, Tick
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.journal import journal as codec
+from amaze_autonomy.nodes.autonomy import journal_file, run_folder
 from amaze_autonomy.nodes.autonomy import node as engine_node
-from amaze_autonomy.nodes.autonomy import run_folder
 from amaze_autonomy.nodes.autonomy.run_folder import Place
 from amaze_autonomy.ros.errors import StartError
 
@@ -76,7 +76,7 @@ def test_folders_of_runs_and_results_are_for_user_and_group(home):
     for _ in range(2):
         folders = [run_folder.make_folder(Place(str(named)), "label"), run_folder.make_folder(Place(), "label")]
         for folder in folders:
-            run_folder.create(folder, '{"kind":"header"}', Place().elsewhere).close()
+            journal_file.create(folder, '{"kind":"header"}', Place().elsewhere).close()
             run_folder.write_result(folder, {"in_flight": False})
     run_folder.register("label", named / "journal.jsonl")
     (removed,) = Place().elsewhere()
@@ -227,7 +227,7 @@ class Run:
         self.place = place
         self.folder = run_folder.make_folder(place, "run")
         header = codec.make_header(Rules(), {}, "hash", boot_id=run_folder.boot_id(), **place.facts())
-        self.journal = run_folder.create(self.folder, codec.encode_header(header), place.elsewhere)
+        self.journal = journal_file.create(self.folder, codec.encode_header(header), place.elsewhere)
         for event in EVENTS:
             self.journal.append(codec.encode_event(event))
         self.journal.flush()
@@ -405,7 +405,7 @@ class StillAtIt:
 
     def __init__(self, folder, finish):
         self._path = folder / "journal.jsonl"
-        self._descriptor, self._finish = run_folder.open_locked(self._path), finish
+        self._descriptor, self._finish = journal_file.open_locked(self._path), finish
         self.thread = threading.Timer(0.3, self._end)
         self.thread.start()
 
@@ -429,7 +429,7 @@ def test_an_engine_before_that_ends_meanwhile_on_the_ground_has_ended(tmp_path):
     before = StillAtIt(tmp_path, lambda: run_folder.write_result(tmp_path, {"in_flight": False}))
     assert started(Place(str(tmp_path))) == (None, [])
     before.thread.join(10.0)
-    os.close(run_folder.open_locked(tmp_path / "journal.jsonl"))
+    os.close(journal_file.open_locked(tmp_path / "journal.jsonl"))
 
 
 @pytest.fixture(params=[True, False])
@@ -452,8 +452,8 @@ def test_a_journal_is_read_without_a_look_for_garbage(tmp_path, monkeypatch, loo
 
 def test_beside_an_engine_that_still_runs_none_is_started(tmp_path, monkeypatch):
     write_journal(tmp_path, clock=run_folder.BOOT_CLOCK)
-    descriptor = run_folder.open_locked(tmp_path / "journal.jsonl")
-    monkeypatch.setattr(run_folder._lock, "__defaults__", (0.1,))
+    descriptor = journal_file.open_locked(tmp_path / "journal.jsonl")
+    monkeypatch.setattr(journal_file._lock, "__defaults__", (0.1,))
     with pytest.raises(StartError, match="is written by another node that still runs: end it first"):
         started(Place(str(tmp_path)))
     os.close(descriptor)
@@ -464,6 +464,6 @@ def test_a_journal_is_held_until_its_engine_has_written_its_result(home):
     run = Run(Place())
     run.journal.finish()
     with pytest.raises(StartError, match="still runs"):
-        run_folder._lock(os.open(run.journal.path, os.O_RDWR), run.journal.path, 0.1)
+        journal_file._lock(os.open(run.journal.path, os.O_RDWR), run.journal.path, 0.1)
     run.journal.close()
     assert found_in(Place()).path.parent.parent == home

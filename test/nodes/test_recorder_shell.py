@@ -25,16 +25,22 @@ from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.schemas.recording import Storage, TopicGroup, Transfer
 from amaze_autonomy.engine.events import EngineStarted, RecordingPhase, Shutdown
 from amaze_autonomy.journal.journal import encode_event, encode_header, make_header
-from amaze_autonomy.nodes.autonomy.run_folder import Place, create, register, registered
+from amaze_autonomy.nodes.autonomy.journal_file import create
+from amaze_autonomy.nodes.autonomy.run_folder import Place, register, registered
 from amaze_autonomy.nodes.recorder import node as recorder_node
 from amaze_autonomy.nodes.recorder import processes
 from amaze_autonomy.nodes.recorder.collector import Collection, RecorderCollector, read_status
 from amaze_autonomy.nodes.recorder.flight_pages import FlightPages
-from amaze_autonomy.nodes.recorder.node import AbsentPlatform, DataRecorderNode, RecorderMemory, make_recorder
+from amaze_autonomy.nodes.recorder.node import (
+    AbsentPlatform,
+    DataRecorderNode,
+    RecorderMemory,
+    make_recorder,
+    recording_status,
+)
 from amaze_autonomy.nodes.recorder.platform import CpuLoad, RecorderPlatform, processor_ticks
 from amaze_autonomy.nodes.recorder.processes import DiskSync, Subscriptions
 from amaze_autonomy.nodes.recorder.settings import RecorderShare, collector_setup, platform_setup, recordings_folder
-from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, ProcessStatus, Status
 from amaze_autonomy.recording.status import Transfer as Transfers

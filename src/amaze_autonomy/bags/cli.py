@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.command_line import run_command, say_wrong
-from amaze_autonomy.outputs import Kind, OutputError, check_output
+from amaze_autonomy.files import Kind, OutputError, check_output
 from amaze_autonomy.units import MB, SECOND
 
 from ..paths import expanded

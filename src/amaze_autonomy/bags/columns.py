@@ -18,10 +18,11 @@ from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Op
 
 import numpy as np
 
+from .arrays import Table, tabulated, words
 from .definitions import TEXT, Layout, Read, layout_of, reader_of
 from .errors import BagError, RecordError
 from .index import Index, Messages, require, unusable
-from .read import BEGINNING, GROUP_BYTES, Loader, Pool, Table, tabulated, words
+from .read import BEGINNING, GROUP_BYTES, Loader, Pool
 
 # --- chunks that are not compressed, without what nobody wants --------------------------------------------------------
 

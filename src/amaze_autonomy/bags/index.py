@@ -84,7 +84,7 @@ class Entries(NamedTuple):
 
     def columns(self) -> Tuple[Any, Any, Any]:
         """Return times, connections and offsets as arrays."""
-        from .read import joined_parts  # noqa: PLC0415  (needs numpy)
+        from .arrays import joined_parts  # noqa: PLC0415  (needs numpy)
 
         return joined_parts(list(self.parts))
 
@@ -307,7 +307,7 @@ class Index:
         """
         every = list(range(len(self.chunks)))
         parts = [part for number in every for part in self._entries(number)]
-        from .read import repeated  # noqa: PLC0415  (see below)
+        from .arrays import repeated  # noqa: PLC0415  (see below)
 
         t_ns, connection, offset = _joined(parts)
         numbers = repeated(every, [chunk.messages for chunk in self.chunks])
@@ -505,7 +505,7 @@ def contradicts(
 
 
 def _joined(parts: List[IndexPart]) -> Tuple[Any, Any, Any]:
-    from .read import joined_parts  # noqa: PLC0415  (needs numpy, which to open a bag does not)
+    from .arrays import joined_parts  # noqa: PLC0415  (needs numpy, which to open a bag does not)
 
     return joined_parts(parts)
 

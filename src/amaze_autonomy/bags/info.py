@@ -11,11 +11,11 @@ import numpy as np
 
 from amaze_autonomy.units import SECOND
 
+from .arrays import joined_parts
 from .errors import BagError, NotClosedError
 from .format import MEMORY, record_at
 from .index import ChunkHead, Index, chunk_head, index_parts
 from .other_formats import is_other, other_recording
-from .read import joined_parts
 from .recover.scan import Scan, scan
 
 _HEAD_BYTES = 4096

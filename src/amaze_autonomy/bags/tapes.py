@@ -17,7 +17,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from amaze_autonomy.whole_file import sha256_of
+from amaze_autonomy.files import sha256_of
 
 VARIABLE = "AMAZE_TAPES"
 _VERSION = 1  # of what `columns` takes, and of the files here

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Deque, Dict, Iterable, Iterator, List, NamedTuple, Optional, Tuple
 
-from amaze_autonomy.whole_file import sync_folder, temporary_name
+from amaze_autonomy.files import sync_folder, temporary_name
 
 from .errors import BagError
 from .format import FIRST_RECORD, Connection, bag_header, chunk_header, chunk_info, connection_record

@@ -16,9 +16,9 @@ import yaml
 
 from amaze_autonomy.config.reference import COMPARED, compared_parameters
 from amaze_autonomy.engine.rules import Severity
+from amaze_autonomy.files import is_unused, whole_folder
 from amaze_autonomy.missions.csv_table import YAW_COLUMNS, Frame, Said, YawUnit, lines_of, said_in, yaw_unit_of
 from amaze_autonomy.missions.errors import WaypointError
-from amaze_autonomy.whole_file import is_unused, whole_folder
 
 from ..paths import config_folder
 from .folder import (

@@ -12,7 +12,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, Mapping, Sequence
 
-from amaze_autonomy.whole_file import write_whole
+from amaze_autonomy.files import write_whole
 
 _HERE = Path(__file__).parent
 _DOCTYPE = "<!DOCTYPE html>"

@@ -31,8 +31,8 @@ from amaze_autonomy.bags.merge.manifest import (
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
 from amaze_autonomy.bags.merge.verify import verify
 from amaze_autonomy.engine.events import RecordingPhase as Phase
+from amaze_autonomy.files import sha256_of
 from amaze_autonomy.units import MB, SECOND
-from amaze_autonomy.whole_file import sha256_of
 
 from .collector import Offset, clock_step_ns
 from .errors import RecordingError

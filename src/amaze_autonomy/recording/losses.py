@@ -21,10 +21,11 @@ from typing import Any, Dict, FrozenSet, Iterable, Iterator, List, Mapping, Name
 
 import numpy as np
 
+from amaze_autonomy.bags.arrays import words
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import Connection
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.read import Loader, Pool, words
+from amaze_autonomy.bags.read import Loader, Pool
 from amaze_autonomy.units import SECOND
 
 from .status import STOPPED, Configured, lacking

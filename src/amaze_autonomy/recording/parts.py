@@ -19,7 +19,7 @@ from amaze_autonomy.bags.errors import BagError, RecordError
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.recover.recover import read_undo, recover, recover_in_place, undo_is_of, undo_path
 from amaze_autonomy.bags.recover.scan import Scan, scan
-from amaze_autonomy.whole_file import sha256_of, sync_folder
+from amaze_autonomy.files import sha256_of, sync_folder
 
 from .errors import TransferError
 from .losses import Numbers, Stream, Written, account, header_numbers, recorded, written

@@ -21,8 +21,8 @@ from typing import Any, Dict, FrozenSet, List, Mapping, Optional, Sequence, Tupl
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.recover.recover import undo_is_of, undo_path
 from amaze_autonomy.config.schemas.recording import Storage, TopicGroup
+from amaze_autonomy.files import sha256_of, write_whole
 from amaze_autonomy.units import GB, MB
-from amaze_autonomy.whole_file import sha256_of, write_whole
 
 from .errors import FolderError
 from .status import Space

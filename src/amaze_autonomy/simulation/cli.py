@@ -12,8 +12,7 @@ from amaze_autonomy import paths
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError, load_configuration
 from amaze_autonomy.engine.state import DataResult, Result, State
-from amaze_autonomy.outputs import Kind, OutputError, check_output, journal_of
-from amaze_autonomy.whole_file import write_whole
+from amaze_autonomy.files import Kind, OutputError, check_output, journal_of, write_whole
 
 from ..engine.events import Mission
 from ..paths import expanded

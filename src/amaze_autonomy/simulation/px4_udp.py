@@ -24,8 +24,8 @@ from amaze_autonomy.simulation.ardupilot import AUTOPILOTS
 from amaze_autonomy.simulation.cli import scenario_file
 from amaze_autonomy.simulation.errors import SimulationError
 from amaze_autonomy.simulation.px4 import Framing, Geography, Place, Px4, Px4Settings, VehicleAddressError
-from amaze_autonomy.simulation.px4.links import PRESETS
 from amaze_autonomy.simulation.px4.pairing import fly_world
+from amaze_autonomy.simulation.px4.wire import PRESETS
 from amaze_autonomy.simulation.scenario import Scenario
 from amaze_autonomy.simulation.scenario_file import load_scenario
 from amaze_autonomy.simulation.world import World

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any, Callable, List, Mapping, Sequence, Tuple
 
 from amaze_autonomy.bags.cli import add_memory
-from amaze_autonomy.outputs import Kind, beginning, check_output
+from amaze_autonomy.files import Kind, beginning, check_output, write_whole
 from amaze_autonomy.replay.errors import GoldenError
-from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import Journal
 from ..pages.document import is_document, need_plots

@@ -26,10 +26,9 @@ from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.outputs import Kind, OutputError, check_output, journal_of
+from amaze_autonomy.files import Kind, OutputError, check_output, journal_of, write_whole
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.compare import Comparison, Lawful, check_laws, compare, law_lines, laws_result
-from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import Journal, JournalError
 from ..pages.document import PageError, is_document, need_plots

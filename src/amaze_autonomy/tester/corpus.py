@@ -20,8 +20,7 @@ from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.bags.other_formats import content_files
 from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.config.errors import ConfigError
-from amaze_autonomy.outputs import check_output
-from amaze_autonomy.whole_file import sha256_of, write_whole
+from amaze_autonomy.files import check_output, sha256_of, write_whole
 
 from ..paths import expanded
 from ..replay.errors import ReplayError

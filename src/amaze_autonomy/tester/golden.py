@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.files import write_whole
 from amaze_autonomy.journal.journal import JournalError, decode
 from amaze_autonomy.replay.errors import GoldenError
-from amaze_autonomy.whole_file import write_whole
 
 from .difference import align, is_same, told
 from .scenario.files import scenario_name

@@ -16,12 +16,12 @@ from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event, UserCommand
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
+from amaze_autonomy.files import sha256_of
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.simulation import Fault, Scenario, Subject, Trigger
 from amaze_autonomy.simulation.errors import SimulationError
 from amaze_autonomy.simulation.run import run
 from amaze_autonomy.simulation.world import Happened
-from amaze_autonomy.whole_file import sha256_of
 
 from ..engine.events import Mission
 from ..engine.rules import ComponentRule

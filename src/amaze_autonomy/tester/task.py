@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.config.errors import ConfigError
-from amaze_autonomy.outputs import Kind, beginning
+from amaze_autonomy.files import Kind, beginning
 
 from .expect.model import Finding
 from .scenario import find_files, load_cases

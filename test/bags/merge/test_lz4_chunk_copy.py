@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from replay_bags import START_NS, write_bag
 from test_merge import merged
 
+from amaze_autonomy.bags.arrays import index_data
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import record_at
 from amaze_autonomy.bags.index import Index
@@ -22,7 +23,6 @@ from amaze_autonomy.bags.merge import lz4_chunk_copy, writer
 from amaze_autonomy.bags.merge.lz4_chunk_copy import STRIPE, block_beginning, block_end, lengthened, neutral_stripe
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
 from amaze_autonomy.bags.merge.verify import verify
-from amaze_autonomy.bags.read import index_data
 from amaze_autonomy.bags.recover.recover import recover
 from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.bags.write import Output

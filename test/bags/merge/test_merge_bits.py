@@ -10,12 +10,12 @@ import pytest
 from bag_tools import COMPRESSIONS, MS, bag, contents, flipped, rows, text
 from replay_bags import START_NS
 
+from amaze_autonomy.bags.arrays import check_index, index_records
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import CHUNK_INFO, index_header, record_at
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
 from amaze_autonomy.bags.merge.verify import count
-from amaze_autonomy.bags.read import check_index, index_records
 from amaze_autonomy.bags.recover.recover import recover
 from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.bags.write import Output

@@ -21,7 +21,7 @@ from amaze_autonomy.bags.merge.merge import MergeOptions, merge
 from amaze_autonomy.bags.merge.verify import verify
 from amaze_autonomy.bags.recover.recover import recover
 from amaze_autonomy.bags.write import Output
-from amaze_autonomy.whole_file import temporary_name
+from amaze_autonomy.files import temporary_name
 
 pytestmark = pytest.mark.live
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, ending, flipped, rows, unclosed
 
+from amaze_autonomy.bags.arrays import check_index, index_records
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import UNREADABLE, connection_of, connection_record, pack_field, record_at
@@ -19,7 +20,6 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge import writer
 from amaze_autonomy.bags.merge.merge import MergeOptions, merge
 from amaze_autonomy.bags.merge.verify import count, verify
-from amaze_autonomy.bags.read import check_index, index_records
 from amaze_autonomy.bags.recover.recover import recover
 from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.bags.write import Output

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from replay_bags import START_NS, S, distance, header, imu, magnetic, make, write_bag
 
-from amaze_autonomy import cli, paths, whole_file
+from amaze_autonomy import cli, files, paths
 from amaze_autonomy.config import AutopilotSettings, load_configuration
 from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
 from amaze_autonomy.replay.maps.topic_map import load_map
@@ -339,7 +339,7 @@ def test_a_full_disk_leaves_nothing_and_is_told_of_the_folder(capsys, tmp_path, 
         folder.mkdir(parents=True)
     before = folder.stat().st_ino if is_there else None
     with monkeypatch.context() as patched:
-        patched.setattr(whole_file.os, "fsync", full)
+        patched.setattr(files.os, "fsync", full)
         status, said, _ = proposed(capsys, tmp_path / "deep", flight_bag)
     assert (status, said) == (1, f"amaze-autonomy: {folder}: No space left on device\n")
     assert list(folder.parent.rglob("*")) == ([folder] if is_there else [])

@@ -7,7 +7,7 @@ import pytest
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
 from amaze_autonomy.engine.rules import Limits
-from amaze_autonomy.replay.peers.world import Evidence, Observed
+from amaze_autonomy.replay.peers.evidence import Evidence, Observed
 
 S = 1_000_000_000
 

@@ -19,7 +19,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Reader
 from test_other_recordings import FLIGHT_MAP, replayed
 
-from amaze_autonomy import whole_file
+from amaze_autonomy import files
 from amaze_autonomy.replay.recordings.export import export
 from amaze_autonomy.tester.command import main
 
@@ -170,7 +170,7 @@ def test_what_cannot_be_written_is_told_by_the_name_that_was_given(tmp_path, cap
     def full(_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(whole_file.os, "fsync", full)
+    monkeypatch.setattr(files.os, "fsync", full)
     assert main(["export", str(source), "-o", str(output)]) == 2
     assert capsys.readouterr().err == f"amaze-replay: {output}: No space left on device\n"
     assert [path.name for path in tmp_path.iterdir()] == ["x.bag"]

@@ -9,8 +9,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Dict, List, Optional
 
+from amaze_autonomy.files import write_whole
 from amaze_autonomy.missions import Home
-from amaze_autonomy.whole_file import write_whole
 
 from ..errors import KeyFileError
 from ..planner.loading import Origin

@@ -12,10 +12,10 @@ from typing import Any, Dict, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ..arrays import check_index
 from ..errors import BagError
 from ..format import MEMORY
 from ..index import ChunkInfo, Index
-from ..read import check_index
 from .merge import Merged, MergeOptions, Progress, merge
 from .verify import Verified, verify
 

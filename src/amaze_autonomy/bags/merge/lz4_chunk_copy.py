@@ -34,10 +34,11 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ..arrays import Span, Table, relabel, tabulate
 from ..errors import BagError, RecordError
 from ..format import MESSAGE, Record, message_fields, pack_field, record_at, u32
 from ..index import ChunkHead, Index
-from ..read import Block, Pool, Span, Table, lz4_library, relabel, tabulate
+from ..read import Block, Pool, lz4_library
 
 # --- the checksum of a longer content ---------------------------------------------------------------------------------
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Dict, List, Mapping, NamedTuple, Optional
 import lz4
 import numpy as np
 
-from amaze_autonomy.whole_file import sha256_of, write_whole
+from amaze_autonomy.files import sha256_of, write_whole
 
 from ..errors import BagError
 from ..index import Index

@@ -19,10 +19,11 @@ import numpy as np
 
 from amaze_autonomy.units import SECOND
 
+from ..arrays import Table, check_times, relabel
 from ..errors import BagError
 from ..format import MEMORY, UNDECODABLE, UNREADABLE, Connection, Identity
 from ..index import ChunkHead, ChunkInfo, Index
-from ..read import GROUP_BYTES, Block, Loader, Pool, Table, check_times, relabel
+from ..read import GROUP_BYTES, Block, Loader, Pool
 from ..write import Output
 from .manifest import Tally
 from .writer import Writing

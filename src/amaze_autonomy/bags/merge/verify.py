@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, NamedTuple
 
 import numpy as np
 
-from amaze_autonomy.whole_file import sha256_of
+from amaze_autonomy.files import sha256_of
 
 from ..errors import BagError
 from ..format import MEMORY

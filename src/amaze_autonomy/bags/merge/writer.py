@@ -18,10 +18,11 @@ import numpy as np
 
 from amaze_autonomy.units import SECOND
 
+from ..arrays import distinct, index_data, index_records
 from ..errors import BagError, RecordError
 from ..format import Connection, compressed, connection_record, decompressed
 from ..index import KEEP_GOOD, Index
-from ..read import BEGINNING, Block, Pool, distinct, index_data, index_records
+from ..read import BEGINNING, Block, Pool
 from ..write import Output, Stretch
 from .manifest import Tallies, Tally, checksums
 

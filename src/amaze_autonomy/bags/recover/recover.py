@@ -20,7 +20,7 @@ import zlib
 from pathlib import Path
 from typing import Any, Callable, List, NamedTuple, Optional, Protocol, Tuple
 
-from amaze_autonomy.whole_file import sync_folder, write_whole
+from amaze_autonomy.files import sync_folder, write_whole
 
 from ..errors import BagError, RecordError
 from ..format import FIRST_RECORD, MEMORY, bag_header, chunk_header, chunk_info, decompressed, record_at

@@ -371,7 +371,7 @@ class _Scanner:
 
     def _ask_index(self) -> None:
         """See whether those can use the bag who go by its index alone: what they refuse is never called good."""
-        from ..read import check_index  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
+        from ..arrays import check_index  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
 
         try:
             with Index(self._reader.path, self._memory) as index:
@@ -523,7 +523,7 @@ class _Scanner:
             return
         index = None
         if entries.foreign:  # see there: they must not be mixed with ours
-            from ..read import index_records  # noqa: PLC0415  (needs numpy, slow to load and seldom wanted)
+            from ..arrays import index_records  # noqa: PLC0415  (needs numpy, slow to load and seldom wanted)
 
             index = index_records(*entries.columns())
         found = Found(position, end, entries.end, *entries.times(), entries.counts(), index, None, head.compression)
@@ -596,7 +596,7 @@ class _Scanner:
             self._settled.update(number for number, _ in entries.counts())
             if not kept.gaps and sorted(kept.rows) == sorted(entries.rows()):
                 return RecordError(OTHERWISE) if self._contradicted(kept, self._named) else None
-        from ..read import Span, tabulate  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
+        from ..arrays import Span, tabulate  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
 
         try:
             tabulate(data, [Span(0, len(data))], *entries.columns(), known=self._named)

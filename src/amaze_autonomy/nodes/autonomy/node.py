@@ -74,9 +74,10 @@ from .ending import (
     start_anew,
 )
 from .engine_thread import EngineThread, Inbox, Stall
+from .journal_file import InUseError, JournalFile, create
 from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
-from .run_folder import BOOT_CLOCK, ROS_CLOCK, InUseError, JournalFile, Place, create
+from .run_folder import BOOT_CLOCK, ROS_CLOCK, Place
 from .users import Unattended, UserDesk, choose, not_selected
 
 _log = logging.getLogger(__name__)

@@ -29,8 +29,8 @@ from ...interface.fields import Shape
 from ...journal import journal as codec
 from ...journal.report import CommandAnswer, Fault, MessageLog, Report, Telemetry, computer_rows, report
 from ...ros.interface import TAKEOFF_FRAME, check_row, classes, number, ros_time
+from .journal_file import JournalFile
 from .journal_topic import JournalLines, JournalTopic
-from .run_folder import JournalFile
 
 _PERIOD_S = 0.5
 _WRITTEN_WITHIN_S = 0.3

@@ -49,13 +49,13 @@ from amaze_autonomy.monitoring.readings import estimate_reader
 from amaze_autonomy.ros.clock import Clock, Periodic, Workers
 
 from ...autopilot.link.state_files import read_kept
+from ...files import temporary_name
 from ...paths import expanded
 from ...ros.arguments import given
 from ...ros.errors import CallError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, ros_time, status_message
 from ...ros.node_main import run_node
 from ...ros.service_client import ServiceClient
-from ...whole_file import temporary_name
 from ..autonomy.run_folder import boot_id, default_parent
 from ..checks.landing_detection_node import ESTIMATE_MESSAGES
 from ..checks.state_estimation_node import Estimator

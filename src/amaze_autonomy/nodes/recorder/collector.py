@@ -17,13 +17,13 @@ from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.config.schemas.recording import Transfer
 from amaze_autonomy.engine.events import RecordingPhase
+from amaze_autonomy.files import whole
 from amaze_autonomy.interface.fields import text
 from amaze_autonomy.recording import Answer, Collector, Command, PlatformStatus, RecordingError, Status
 from amaze_autonomy.recording import status as asked
 from amaze_autonomy.recording.collector import Exchange, Offset, best, correction_ns
 from amaze_autonomy.recording.programs import misplaced
 from amaze_autonomy.recording.storage import read_json, remove_part, session_name, write_json
-from amaze_autonomy.whole_file import whole
 
 from ...ros.errors import CallError
 from ...ros.interface import ros_time

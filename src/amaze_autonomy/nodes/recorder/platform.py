@@ -18,7 +18,7 @@ from amaze_autonomy.recording.status import WRITING
 from amaze_autonomy.recording.storage import needed_bytes, remove_part, session_name, space_of, too_little
 from amaze_autonomy.ros.clock import MonotonicClock, Periodic
 
-from . import statuses
+from ...ros.interface import ros_time
 from .processes import DiskSync, RecorderChildren, Subscriptions, recorder_program
 from .settings import RecorderShare, platform_setup
 
@@ -63,8 +63,8 @@ class RecorderPlatform:
     def _exchange(self, _request: Any) -> Any:
         received_ns = self._share.stamp_ns()
         return srv.ExchangeClockResponse(
-            received=statuses.ros_time(received_ns),
-            answered=statuses.ros_time(self._share.stamp_ns()),
+            received=ros_time(received_ns),
+            answered=ros_time(self._share.stamp_ns()),
         )
 
     def start(self, session_id: str, mission_id: str) -> Answer:

@@ -22,6 +22,7 @@ from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Mapping, Opti
 import roslib.packages
 
 from amaze_autonomy.config.schemas.recording import Storage, TopicGroup, Transfer
+from amaze_autonomy.files import sync_folder
 from amaze_autonomy.recording.errors import RecordingError
 from amaze_autonomy.recording.programs import (
     LogState,
@@ -41,7 +42,6 @@ from amaze_autonomy.recording.status import GroupStatus, ProcessStatus
 from amaze_autonomy.recording.storage import PARTS, aside, is_as_listed, joined, read_parts, write_json
 from amaze_autonomy.ros.clock import MonotonicClock, Periodic
 from amaze_autonomy.ros.liveness import LocalProcess
-from amaze_autonomy.whole_file import sync_folder
 
 
 def recorder_program() -> List[str]:

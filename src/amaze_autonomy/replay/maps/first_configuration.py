@@ -17,7 +17,7 @@ from amaze_autonomy import paths
 from amaze_autonomy.config.consistency import MAVROS_TOPIC
 from amaze_autonomy.config.reference import COMPARED, compared_parameters
 from amaze_autonomy.config.schemas.autopilot import LinkSettings, PlannerLinkSettings
-from amaze_autonomy.whole_file import is_unused, whole_folder
+from amaze_autonomy.files import is_unused, whole_folder
 
 from ..errors import ReplayError
 from .proposal import Proposal

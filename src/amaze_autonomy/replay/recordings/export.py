@@ -26,7 +26,7 @@ from amaze_autonomy.bags import BagError, Entry, Recording
 from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.bags.other_formats import OtherRecording, content_files
-from amaze_autonomy.whole_file import whole, write_whole
+from amaze_autonomy.files import whole, write_whole
 
 from ..errors import ReplayError
 from .sources import problems_of, recordings_of

@@ -16,10 +16,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from amaze_autonomy.simulation.px4 import telemetry
 from amaze_autonomy.simulation.px4.commands import Order
 from amaze_autonomy.simulation.px4.health import Failsafes, Sensors
-from amaze_autonomy.simulation.px4.links import Link
 from amaze_autonomy.simulation.px4.missions import MissionServer
 from amaze_autonomy.simulation.px4.px4 import Px4
-from amaze_autonomy.simulation.px4.wire import DESCEND, Parameters
+from amaze_autonomy.simulation.px4.wire import DESCEND, Link, Parameters
 from amaze_autonomy.simulation.vehicle.flight import Mode
 
 from .craft import BLIND, GUIDED, ArduCraft, ArduMissions, ArduParameters, base_mode, custom_mode, mode_of

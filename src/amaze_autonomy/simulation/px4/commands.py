@@ -16,9 +16,8 @@ from amaze_autonomy.simulation.vehicle.flight import Mode
 
 from .craft import Craft
 from .health import Failsafes, Health
-from .links import Link
 from .telemetry import numbers
-from .wire import OFFBOARD, Parameters, mode_of
+from .wire import OFFBOARD, Link, Parameters, mode_of
 
 _OK = mavlink.MAV_RESULT_ACCEPTED
 _LATER = mavlink.MAV_RESULT_TEMPORARILY_REJECTED

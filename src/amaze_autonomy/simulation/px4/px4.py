@@ -25,10 +25,9 @@ from . import telemetry
 from .commands import Order, Orders, enter, results
 from .craft import Craft, SetPoint
 from .health import Failsafes, Health, Wrong
-from .links import Link
 from .missions import MissionServer
 from .settings import PARAMETERS, Px4Settings
-from .wire import OFFBOARD, Parameters, Texts, mode_of
+from .wire import OFFBOARD, Link, Parameters, Texts, mode_of
 
 _S = 1_000_000_000
 _INFO, _WARNING = 6, 4

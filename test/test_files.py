@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from amaze_autonomy import whole_file
-from amaze_autonomy.whole_file import is_unused, whole, whole_folder, write_whole
+from amaze_autonomy import files
+from amaze_autonomy.files import is_unused, whole, whole_folder, write_whole
 
 
 def test_a_file_is_written_and_replaced(tmp_path):
@@ -41,7 +41,7 @@ def test_a_disk_that_is_full_leaves_the_old_file(tmp_path, monkeypatch):
     def full(_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(whole_file.os, "fsync", full)
+    monkeypatch.setattr(files.os, "fsync", full)
     with pytest.raises(OSError, match="No space left on device"):
         write_whole(path, "new\n")
     assert path.read_text() == "old\n"
@@ -49,9 +49,9 @@ def test_a_disk_that_is_full_leaves_the_old_file(tmp_path, monkeypatch):
 
 
 def test_pieces_of_bytes_are_put_on_the_disk_with_their_name(tmp_path, monkeypatch):
-    synced, fsync = [], whole_file.os.fsync
+    synced, fsync = [], files.os.fsync
     monkeypatch.setattr(
-        whole_file.os, "fsync", lambda file: synced.append(os.readlink(f"/proc/self/fd/{file}")) or fsync(file)
+        files.os, "fsync", lambda file: synced.append(os.readlink(f"/proc/self/fd/{file}")) or fsync(file)
     )
     write_whole(tmp_path / "x", [b"one", b"", b"two"])
     assert (tmp_path / "x").read_bytes() == b"onetwo"
@@ -59,14 +59,14 @@ def test_pieces_of_bytes_are_put_on_the_disk_with_their_name(tmp_path, monkeypat
 
 
 def test_a_file_system_that_cannot_put_names_on_the_disk_is_no_error(tmp_path, monkeypatch):
-    fsync = whole_file.os.fsync
+    fsync = files.os.fsync
 
     def picky(file):
         if Path(f"/proc/self/fd/{file}").is_dir():
             raise OSError(errno.EINVAL, "Invalid argument")
         fsync(file)
 
-    monkeypatch.setattr(whole_file.os, "fsync", picky)
+    monkeypatch.setattr(files.os, "fsync", picky)
     write_whole(tmp_path / "x", "text")
     assert (tmp_path / "x").read_text() == "text"
 
