@@ -20,7 +20,7 @@ from typing import Callable, Counter, Dict, Iterable, Iterator, List, NamedTuple
 
 from mutation_code import mutated, span
 from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT, Mutant
-from mutation_nets import FIRST_BOUNDS, MOST_S, PATHS, START_S, TIMES, Look, Seen, look, observe, start
+from mutation_nets import FIRST_BOUNDS, IMPORTS, MOST_S, PATHS, START_S, TIMES, Look, Seen, look, observe, start
 from mutation_results import RESULTS, Results, read
 
 COPIED = (
@@ -178,18 +178,23 @@ class Campaign:
     def names(self, task: Task) -> Tuple[str, ...]:
         """Return the worlds, tests or scenarios that run a mutant's statement, the most promising first.
 
-        Where none of them does, all: what runs at the import alone, as that which makes a table, is run by each.
+        Where none of them does, all: what runs at the import alone, as that which makes a table, is run by each. Tests
+        and scenarios may run it in a process of its own, too; of a file of which no world runs anything, none will.
         """
         path, line = task.mutant.place.path, task.mutant.place.line
         if not self._runs(task.net, path):
             return ()
         begin, end = span((self.root / path).read_text(encoding="utf-8"), line)
-        seen = self.observed[task.net]
-        names = [
-            name
-            for name, (_, lines) in seen.items()
-            if not begin or any(begin <= each <= end for each in lines.get(path, ()))
-        ]
+
+        def runs(each: Seen) -> bool:
+            return not begin or any(begin <= number <= end for number in each.lines.get(path, ()))
+
+        seen = dict(self.observed[task.net])
+        imported = seen.pop(IMPORTS, None)
+        names = [name for name, each in seen.items() if runs(each)]
+        never = imported is not None and not runs(imported) and not any(path in each.lines for each in seen.values())
+        if task.net == EXPLORER and never:
+            return ()
         first = self._caught_before(task)
         rank = {name: (name != first, -self.catchers[path, name], seen[name].seconds) for name in names or seen}
         return tuple(sorted(rank, key=lambda name: rank[name]))
@@ -202,7 +207,8 @@ class Campaign:
     def _runs(self, net: str, path: str) -> bool:
         """Tell whether a net runs anything in the folder of a file: a table there may be what it goes by."""
         folder = path.rpartition("/")[0]
-        return any(each.rpartition("/")[0] == folder for _, lines in self.observed[net].values() for each in lines)
+        observed = (each.lines for name, each in self.observed[net].items() if name != IMPORTS)
+        return any(each.rpartition("/")[0] == folder for lines in observed for each in lines)
 
     def files(self, nets: Iterable[str]) -> Dict[str, List[str]]:
         """Return of each net the files of which it runs a function."""
@@ -210,7 +216,7 @@ class Campaign:
         for net in nets:
             kept = self.work / f"observed-{net}-{self._seen[net]}.json"
             seen = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
-            found[net] = sorted({path for _, lines in seen.values() for path in lines})
+            found[net] = sorted({path for name, (_, lines) in seen.items() if name != IMPORTS for path in lines})
         return found
 
     def _begin(self, task: Task, free: List[Path], running: Dict[int, Running], tell: Tell) -> None:

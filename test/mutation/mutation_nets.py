@@ -39,6 +39,9 @@ TIMES, START_S, MOST_S, MEMORY_LIMIT = 10, 30, 900, 3 << 30
 """A mutant is noticed that needs ten times the processor time of the original, and a start, or a quarter of an hour:
 all worlds of the explorer need two minutes and a half, and twice that beside other work."""
 
+IMPORTS = ""
+"""Among what was observed: what ran beside all worlds, tests and scenarios."""
+
 
 class Look(NamedTuple):
     """One process: a net, which of its worlds or tests, in order (none: all); with which bounds a world begins."""
@@ -185,10 +188,10 @@ class _Noted(_Watch):
 
 def _seen(cover: Any, seconds: Dict[str, float]) -> Dict[str, Seen]:
     data, here = cover.get_data(), f"{Path.cwd()}/"
-    lines: Dict[str, Dict[str, List[int]]] = {name: {} for name in seconds}
+    lines: Dict[str, Dict[str, List[int]]] = {name: {} for name in (*seconds, IMPORTS)}
     for path in sorted(data.measured_files()):
         for line, contexts in data.contexts_by_lineno(path).items():
             for name in contexts:
                 if name in lines:
                     lines[name].setdefault(path.replace(here, "", 1), []).append(line)
-    return {name: Seen(seconds[name], lines[name]) for name in seconds}
+    return {name: Seen(seconds.get(name, 0.0), lines[name]) for name in lines}

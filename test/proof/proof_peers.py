@@ -90,6 +90,7 @@ MISSIONS: Dict[str, Mission] = {
         max_flight_time_ns=4 * UNIT,
     ),
     "some": Mission(id="some", battery_needed_fraction=0.4, required=("imu", "lrf"), tolerated=("gps",)),
+    "points": Mission(id="points", battery_needed_fraction=0.4, set_points=True),
 }
 
 
@@ -112,6 +113,14 @@ SCENES: Dict[str, Dict[str, Any]] = {
         "horizontal_speed_m_s": 3.0,
     },
     "loitering": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.LOITER", "height_m": 2.0},
+    "guided": {
+        "armed": True,
+        "landed": _L.IN_AIR,
+        "mode": "OFFBOARD",
+        "height_m": 2.0,
+        "horizontal_speed_m_s": 3.0,
+    },
+    "held": {"armed": True, "landed": _L.IN_AIR, "mode": "OFFBOARD", "height_m": 2.0},
     "landing": {
         "armed": True,
         "landed": _L.LANDING,

@@ -522,6 +522,23 @@ _ALL: Tuple[World, ...] = (
         stop=_GROUNDED,
     ),
     World(
+        name="set-points",
+        words="a takeoff by set-points, then a mission of the autopilot or one of set-points; either is somebody "
+        "else's in a flight the other way; it is held and goes on",
+        seeds=(SEEDS["climbing"], script(_CLIMBING.replace("select:one", "select:points"))),
+        scenes={
+            "lifting": ("guided", "flying"),
+            "guided": ("held", "flying", "loitering"),
+            "held": ("guided", "flying", "loitering"),
+            "flying": ("guided", "loitering"),
+            "loitering": ("guided", "flying"),
+        },
+        planner=("FLYING", "HOLDING"),
+        codes={"lrf": ((8, "trying"),)},
+        motion=(),
+        stop=(State.LAND, *_GROUNDED),
+    ),
+    World(
         name="left alone",
         words="in somebody else's hands the vehicle falls silent, for good or for a while; a person gives it up or not",
         seeds=(script(f"{_FLYING} vehicle:pilot wait"),),

@@ -241,10 +241,8 @@ def _autopilot(
     spins = link_good and event.armed is True and event.landed is ev.VehicleLanded.ON_GROUND
     changes["spinning_ns"] = (now if gap or witness.spinning_ns is None else witness.spinning_ns) if spins else None
     again = previous is not None and previous.mode == event.mode and link_good and event.landed in _FLIES
-    begins = again and state.state is State.MISSION and event.armed is not False and witness.flown != "AUTO.MISSION"
-    if begins and event.mode in _PAST and witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME):
-        changes["flown"] = event.mode  # what two statuses in a row have said
-        changes["flown_by"] = event.mode if witness.flown_by != "AUTO.MISSION" else witness.flown_by
+    if again and state.state is State.MISSION and event.armed is not False and witness.flown != "AUTO.MISSION":
+        _flown(witness, event.mode, changes, state)  # what two statuses in a row have said
     _count_taken(witness, event, now, changes, state, limits)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
         changes["answered"] = True
@@ -268,6 +266,13 @@ def _autopilot(
     changes["aloft"] = witness.aloft + 1 if flies else 0
     if flies and (witness.flight != "none" or (event.armed is True and state.state is State.LAND)):
         changes.update(flight="armed", airborne=witness.airborne or witness.aloft > 0)  # one status is not believed
+
+
+def _flown(witness: Witness, mode: str, changes: Dict[str, Any], state: EngineState) -> None:
+    """Note in which mode it is flown, where that is none of the other way to fly."""
+    goes = witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME)
+    if goes and mode in _PAST and mode not in _other_way(witness.flown_by, state).get(witness.motion, ()):
+        changes.update(flown=mode, flown_by=mode if witness.flown_by != "AUTO.MISSION" else witness.flown_by)
 
 
 def _speeds(witness: Witness, event: Any, now: int, changes: Dict[str, Any], limits: Limits) -> None:
@@ -330,9 +335,7 @@ def _count_taken(
     says = says or (flies and event.mode in _LANDING_MODES and not lands)
     goes = witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME)
     says = says or (goes and event.mode in _PAST.get(changes.get("flown", witness.flown), ()))
-    mission = state.session.mission
-    by, declared = changes.get("flown_by", witness.flown_by), mission is not None and mission.set_points
-    other = _BY_MISSION if by == "AUTO.MISSION" else _BY_SET_POINTS if by == "OFFBOARD" and declared else {}
+    other = _other_way(changes.get("flown_by", witness.flown_by), state)
     flown, before_it = changes.get("flown", witness.flown), event.mode == witness.mode_before and not witness.answered
     shows = flown == "OFFBOARD" if other is _BY_SET_POINTS and witness.motion is MissionAction.HOLD else not before_it
     says = says or (shows and witness.flight != "none" and event.mode in other.get(witness.motion, ()))
@@ -344,6 +347,12 @@ def _count_taken(
         changes["taken"] = 0
     else:
         changes.update(taken=witness.taken + 1, taken_ns=witness.taken_ns if witness.taken else now)
+
+
+def _other_way(by: str, state: EngineState) -> Dict[Optional[MissionAction], Tuple[str, ...]]:
+    """Return of each command the modes that would answer it, were the flight not flown the other way."""
+    declared = state.session.mission is not None and state.session.mission.set_points
+    return _BY_MISSION if by == "AUTO.MISSION" else _BY_SET_POINTS if by == "OFFBOARD" and declared else {}
 
 
 _LANDING_MODES = ("AUTO.LAND", "AUTO.PRECLAND")
