@@ -9,6 +9,7 @@ from typing import Any, Counter, Dict, List, Optional, Set, Tuple
 
 from proof_key import Key, make_key
 from proof_moves import BOOT, Move, Node, Observer, World, lie_in, moves_of, perform
+from proof_peers import unheard
 from proof_sound import sound
 
 from amaze_autonomy.engine.commands import Decision
@@ -19,6 +20,7 @@ AND = "; "
 """Between what a world reached."""
 _SAMPLE = 101
 """Of so many states one is kept, and compared with another one of the same key."""
+_UNHEARD = unheard("autopilot")
 _PATIENCE = 10
 """Units of time in which a landing ends once the vehicle is down; more than any limit of the worlds."""
 
@@ -165,7 +167,7 @@ class Exploration:
 
     def _settle(self, number: int, node: Node) -> None:
         """Check that LAND and PILOT end when the vehicle comes down, is heard, and the pilot acknowledges."""
-        silent = tuple(peer for peer in node.peers.silent if peer != "autopilot")
+        silent = tuple(peer for peer in node.peers.silent if peer not in _UNHEARD)
         node = node._replace(peers=node.peers._replace(vehicle="flying", silent=silent, detection="ON_GROUND"))
         way: List[Move] = [("vehicle", "ground"), *[("wait",)] * _PATIENCE]
         passed: List[Key] = []
@@ -201,7 +203,7 @@ class Exploration:
         if wrong and self.broken is None:
             path = (*self.path(origin[0]), origin[1]) if origin[0] >= 0 else self.seeds[-1]
             self.broken = Broken("every_state_is_sound", wrong[0], path)
-        down = node.peers.vehicle == "ground" and "autopilot" not in node.peers.silent
+        down = node.peers.vehicle == "ground" and not {*_UNHEARD} & {*node.peers.silent}
         self.where.append((state.state, state.flight.active, down))
         self.stats.places.add((state.state.value, state.step.value))
         for failure in state.failures:

@@ -302,7 +302,7 @@ FIELDS: Mapping[str, Draw] = {
     "flight.confirmed": _one(None, *A),
     "flight.mode_before": _one("", "AUTO.LOITER", "AUTO.MISSION", "POSCTL"),
     "flight.mode_shown": _one("", "AUTO.LOITER", "AUTO.MISSION"),
-    "flight.mode_flown": _one("", "AUTO.TAKEOFF", "AUTO.LOITER", "AUTO.MISSION"),
+    "flight.mode_flown": _one("", "AUTO.TAKEOFF", "AUTO.LOITER", "OFFBOARD", "AUTO.MISSION"),
     "flight.flown_by": _one("", "OFFBOARD", "AUTO.MISSION"),
     "flight.hold_repeated": _bool,
     "flight.another": _bool,

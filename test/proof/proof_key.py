@@ -358,6 +358,7 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         witness.motion,
         witness.motion_outcome,
         witness.flown,
+        witness.flown_by,
         witness.answered,
         witness.disarmed_ns is None,
         witness.recording,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from proof_peers import BATTERIES, MISSIONS, RULES, SCENES, UNIT, Peers, beat, say
+from proof_peers import BATTERIES, MISSIONS, RULES, SCENES, UNIT, Peers, beat, say, unheard
 
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
@@ -15,6 +15,8 @@ from amaze_autonomy.engine.state import EngineState, State, Step, evolve
 from amaze_autonomy.laws import Moment, Witness, observed
 
 Move = Tuple[str, ...]
+WRONG = "wrong"
+"""A mission that is selected and that no file describes."""
 _PHYSICS = {
     "ground": ("armed",),
     "armed": ("ground", "lifting"),
@@ -199,7 +201,8 @@ def _can_lie(node: Node, lie: str) -> bool:
     speaker = _speaker(peer)
     told = {"planner": node.peers.planner, "recorder": node.peers.recorder}.get(peer, "-")
     now = {"planner": node.peers.planner, "recorder": node.peers.recorder, "landing": node.peers.detection}.get(peer)
-    return speaker not in node.peers.silent and bool(told) and bool(node.state.session.id) and now != said
+    unheard_now = {*unheard(speaker)} & {*node.peers.silent}
+    return not unheard_now and bool(told) and bool(node.state.session.id) and now != said
 
 
 def _late(node: Node) -> Iterator[Move]:
@@ -348,16 +351,17 @@ def _silence(node: Node, move: Move) -> Iterator[Any]:
 
 def _return(node: Node, move: Move) -> Iterator[Any]:
     yield node.peers._replace(silent=tuple(peer for peer in node.peers.silent if peer != move[1]))
-    peer = "watchdog" if move[1] == "loop" else move[1]
-    yield _if_in_session(peer)
+    yield _if_in_session("watchdog" if move[1] == "loop" else move[1].rpartition("-")[2])
 
 
+_BROKEN = ev.ComponentStatus("imu", Code.ABORT, ev.Restart.NONE, None, "it is broken")
 _ANSWERS: Dict[str, Dict[str, Any]] = {
     "ok": {"outcome": ev.Outcome.ACCEPTED, "ok": True, "checks": (Check("row", Verdict.PASS),)},
     "warn": {"outcome": ev.Outcome.ACCEPTED, "ok": True, "checks": (Check("row", Verdict.WARN),)},
     "fail": {"outcome": ev.Outcome.ACCEPTED, "ok": False, "checks": (Check("row", Verdict.FAIL),)},
     "unknown": {"outcome": ev.Outcome.ACCEPTED, "ok": True, "checks": (Check("row", Verdict.UNKNOWN),)},
     "fixable": {"outcome": ev.Outcome.ACCEPTED, "ok": False, "fixable": True, "being_fixed": True},
+    "lacks": {"outcome": ev.Outcome.ACCEPTED, "ok": True, "components": (_BROKEN,)},
     "refused": {"outcome": ev.Outcome.REFUSED, "ok": True},
     "unavailable": {"outcome": ev.Outcome.UNAVAILABLE},
     "timed_out": {"outcome": ev.Outcome.TIMED_OUT, "ok": True},
@@ -468,6 +472,9 @@ def _truth(_node: Node, move: Move) -> Iterator[Any]:
 
 
 def _select(_node: Node, move: Move) -> Iterator[Any]:
+    if move[1] == WRONG:
+        yield lambda _p, now, _w, _o: ev.MissionRejected(t_ns=now.t_ns, mission_id=WRONG, error="no such", request_id=7)
+        return
     missions = tuple(MISSIONS[name] for name in move[1:])
     yield lambda _p, now, _w, _o: ev.MissionSelected(t_ns=now.t_ns, missions=missions, request_id=7)
 
@@ -502,6 +509,7 @@ _NOISE: Tuple[Make, ...] = (
     _noisy(ev.WatchdogAction, sequence=0, loop_counter=10**9, code=Code.ABORT, age_ns=-9 * UNIT),
     _noisy(ev.MissionStatus, session_id="other", mission_id="one", phase=ev.MissionPhase.FAILED),
     _noisy(ev.MissionStatus, session_id="", mission_id="one", phase=ev.MissionPhase.LANDED, waypoint=3, waypoints=3),
+    _noisy(ev.WatchdogInfo, sequence=0, changed=(), components=(), age_ns=9 * UNIT),
     _noisy(ev.RecordingStatus, session_id="other", phase=ev.RecordingPhase.COMPLETE),
     _noisy(ev.RecordingStatus, session_id="", phase=ev.RecordingPhase.FAILED),
     _noisy(ev.LandedStatus, landed=ev.Landed.AIRBORNE, age_ns=9 * UNIT),

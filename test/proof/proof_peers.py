@@ -209,8 +209,17 @@ BATTERIES: Dict[str, Dict[str, Any]] = {
 }
 
 
+UNNAMED = UNCOUNTED = "?"
+_AGES = {"old": 9 * UNIT, "early": -9 * UNIT}
+
+
 class Peers(NamedTuple):
-    """What each peer says now. `silent` are those that say nothing; `stuck`: the watchdog's loop stands still."""
+    """What each peer says now.
+
+    `silent` are those that say nothing; `loop`: the watchdog's loop stands still; `old-` and `early-` with a peer: what
+    it says is from long ago, or from the future. A component of the name `UNNAMED` is a code that nobody is named with.
+    A planner's phase that ends with `UNCOUNTED` comes without waypoints.
+    """
 
     vehicle: str = "ground"
     battery: str = "good"
@@ -250,6 +259,7 @@ def _statuses(peers: Peers) -> Tuple[ev.ComponentStatus, ...]:
         _KEPT[peers.components] = tuple(
             ev.ComponentStatus(name, Code(code), Restart(restart), None, f"{name} at {code}")
             for name, code, restart in peers.components
+            if name != UNNAMED
         )
     found: Tuple[ev.ComponentStatus, ...] = _KEPT[peers.components]
     return found
@@ -257,7 +267,8 @@ def _statuses(peers: Peers) -> Tuple[ev.ComponentStatus, ...]:
 
 def _action(peers: Peers, state: EngineState) -> ev.Event:
     listed = tuple(s for s in _statuses(peers) if s.code >= Code.INCONVENIENT)
-    code = max((s.code for s in listed), default=Code.NOMINAL)
+    alone = (Code(code) for name, code, _ in peers.components if name == UNNAMED)
+    code = max((*alone, *(s.code for s in listed)), default=Code.NOMINAL)
     counter = state.peers.action.loop_counter if state.peers.action is not None else 0
     counter += "loop" not in peers.silent or state.peers.action is None
     latest = listed[0].name if listed else ""
@@ -274,16 +285,10 @@ def _planner(peers: Peers, state: EngineState) -> ev.Event:
     mission = state.session.mission.id if state.session.mission is not None else ""
     key = ("planner", peers.planner, peers.leg, peers.done, state.session.id, mission)
     if key not in _KEPT:
-        _KEPT[key] = ev.MissionStatus(
-            t_ns=0,
-            session_id=state.session.id,
-            mission_id=mission,
-            phase=ev.MissionPhase[peers.planner],
-            waypoint=3 if peers.done else 1,
-            waypoints=3,
-            repetition=peers.leg[0],
-            file_index=peers.leg[1],
-        )
+        said: Dict[str, Any] = {"session_id": state.session.id, "mission_id": mission}
+        if not peers.planner.endswith(UNCOUNTED):
+            said.update(waypoint=3 if peers.done else 1, waypoints=3, repetition=peers.leg[0], file_index=peers.leg[1])
+        _KEPT[key] = ev.MissionStatus(t_ns=0, phase=ev.MissionPhase[peers.planner.rstrip(UNCOUNTED)], **said)
     return evolve(_KEPT[key], t_ns=state.t_ns)
 
 
@@ -295,8 +300,15 @@ def _recorder(peers: Peers, state: EngineState) -> ev.Event:
         phase = ev.RecordingPhase["RECORDING" if stalled else "COMPLETE" if lost else peers.recorder]
         grows = phase is ev.RecordingPhase.RECORDING
         platforms = (ev.PlatformRecording("a", growing=grows), ev.PlatformRecording("b", growing=grows and not stalled))
+        where = "/data" if phase is ev.RecordingPhase.COMPLETE else ""
         _KEPT[key] = ev.RecordingStatus(
-            t_ns=0, session_id=state.session.id, phase=phase, platforms=platforms, lost=lost
+            t_ns=0,
+            session_id=state.session.id,
+            phase=phase,
+            platforms=platforms,
+            lost=lost,
+            location=where,
+            message=where and "1 GB",
         )
     return evolve(_KEPT[key], t_ns=state.t_ns)
 
@@ -319,7 +331,14 @@ _SAYS = {
 
 def say(peer: str, peers: Peers, state: EngineState) -> ev.Event:
     """Return the event in which a peer says now what it says; `info` is the watchdog's second stream."""
-    return _SAYS[peer](peers, state)
+    event, speaker = _SAYS[peer](peers, state), "watchdog" if peer == "info" else peer
+    age_ns = next((ns for said, ns in _AGES.items() if f"{said}-{speaker}" in peers.silent), 0)
+    return evolve(event, age_ns=age_ns) if age_ns else event
+
+
+def unheard(peer: str) -> Tuple[str, ...]:
+    """Return what is among the silent ones while a peer says nothing, or nothing of now."""
+    return (peer, *(f"{said}-{peer}" for said in _AGES))
 
 
 def beat(peers: Peers, state: EngineState) -> Tuple[str, ...]:

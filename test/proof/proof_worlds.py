@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import combinations
 from typing import Dict, Tuple
 
-from proof_moves import Move, World
-from proof_peers import UNIT, limited
+from proof_moves import WRONG, Move, World
+from proof_peers import UNCOUNTED, UNIT, UNNAMED, limited
 
 from amaze_autonomy.engine.state import State
 
@@ -96,7 +96,7 @@ _ALL: Tuple[World, ...] = (
         name="start",
         words="the engine starts, or is started anew, with a vehicle in any state; missions are selected",
         seeds=(script("start"), script("vehicle:ground start"), script("vehicle:flying start")),
-        missions=(("one",), ("one", "two")),
+        missions=(("one",), ("one", "two"), (WRONG,)),
         scenes={
             "ground": ("armed",),
             "armed": ("flying",),
@@ -119,7 +119,7 @@ _ALL: Tuple[World, ...] = (
         missions=(("one",),),
         scenes=_STANDS,
         checks={
-            "watchdog": ("ok", "fixable", "fail", "timed_out"),
+            "watchdog": ("ok", "lacks", "fixable", "fail", "timed_out"),
             "battery": ("ok", "unknown", "refused", "unavailable"),
         },
         users=("retry", "give_up"),
@@ -300,7 +300,8 @@ _ALL: Tuple[World, ...] = (
     ),
     World(
         name="severities",
-        words="in flight, every code of every row and of a component that nobody listed; the process is told to end",
+        words="in flight, every code of every row, of a component that nobody listed and of none that is named; the "
+        "process is told to end",
         seeds=(SEEDS["flying"],),
         scenes=_FLIES,
         planner=("FLYING", "HOLDING"),
@@ -310,6 +311,7 @@ _ALL: Tuple[World, ...] = (
             "lrf": ((4, "none"), (4, "given_up"), (8, "given_up")),
             "imu": ((4, "none"), (8, "trying")),
             "stranger": ((4, "none"), (4, "given_up"), (8, "trying"), (8, "given_up"), (16, "none")),
+            UNNAMED: ((4, "none"), (8, "none"), (16, "none")),
         },
         motion=("ACCEPTED",),
         shutdown=True,
@@ -399,6 +401,16 @@ _ALL: Tuple[World, ...] = (
         silences=("watchdog", "loop", "planner", "autopilot", "recorder", "landing"),
         quiet=2,
         motion=(),
+        stop=_GROUNDED,
+    ),
+    World(
+        name="other clocks",
+        words="in flight and while it lands, what a peer says is from long ago or from the future, and is of now again",
+        seeds=(SEEDS["flying"], SEEDS["landing"]),
+        scenes=_FLIES,
+        silences=("old-autopilot", "early-autopilot", "old-watchdog", "old-planner", "early-recorder", "old-landing"),
+        motion=(),
+        restart=True,
         stop=_GROUNDED,
     ),
     World(
@@ -504,7 +516,7 @@ _ALL: Tuple[World, ...] = (
     World(
         name="pilot",
         words="the pilot, a failsafe or a foreign flight mode takes over at any moment, and gives back",
-        seeds=(SEEDS["arming"],),
+        seeds=(SEEDS["arming"], SEEDS["flying"]),
         scenes={
             "ground": ("armed",),
             "armed": ("lifting",),
@@ -540,8 +552,12 @@ _ALL: Tuple[World, ...] = (
     ),
     World(
         name="left alone",
-        words="in somebody else's hands the vehicle falls silent, for good or for a while; a person gives it up or not",
-        seeds=(script(f"{_FLYING} vehicle:pilot wait"),),
+        words="in somebody else's hands, or landed for in vain, the vehicle falls silent, for good or for a while; a "
+        "person gives it up or not",
+        seeds=(
+            script(f"{_FLYING} vehicle:pilot wait"),
+            script(f"{_LANDING} silence:autopilot wait wait wait wait"),
+        ),
         scenes={"pilot": ("ground",), "ground": ("pilot",)},
         silences=("autopilot",),
         users=("acknowledge",),
@@ -602,7 +618,7 @@ _ALL: Tuple[World, ...] = (
         },
         anytime=("landed?",),
         detections=("ON_GROUND", "AIRBORNE"),
-        planner=("LANDING", "LANDED", "LANDED!"),
+        planner=("LANDING", "LANDED", f"LANDED{UNCOUNTED}", "LANDED!"),
         codes={"lrf": ((8, "trying"),)},
         motion=(),
         restart=True,
