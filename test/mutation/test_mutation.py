@@ -13,7 +13,7 @@ import mutation_results
 import pytest
 from mutation_code import diff, mutated, of_source, places, sample, span
 from mutation_mutant import Mutant, Place
-from mutation_nets import Seen
+from mutation_nets import IMPORTS, Seen
 from mutation_results import Results, Verdict, rate, read, section, summary, waivers, write
 
 ROOT = Path(__file__).parents[2]
@@ -28,7 +28,7 @@ def judged(value, last):
         value += each
     return value
 """
-LIMIT = "src/amaze_autonomy/engine/limit.py"
+LIMIT, OTHER = "src/amaze_autonomy/engine/limit.py", "src/amaze_autonomy/engine/other.py"
 
 
 @pytest.fixture
@@ -213,6 +213,30 @@ def test_what_has_caught_a_mutant_of_older_code_looks_first_and_alone(repository
     assert rest == ("unit", tuple(f"test/engine/test_limit.py::test_{number}" for number in (7, 8, 10, 11)))
     assert world == ("explorer", ("world 9",))
     assert worlds == ("explorer", tuple(f"world {number}" for number in (9, 7, 8, 10, 11))), "all together reach"
+
+
+@pytest.mark.parametrize(
+    "net, line, of_worlds, imported, looks",
+    [
+        ("explorer", 2, {LIMIT: [2]}, {}, ("world",)),
+        ("explorer", 2, {LIMIT: [6]}, {}, ("world",)),  # of its file another function: at a higher bound, this one, too
+        ("explorer", 2, {OTHER: [1]}, {LIMIT: [1, 5]}, ()),
+        ("explorer", 2, {OTHER: [1]}, {LIMIT: [2]}, ("world",)),  # it makes a table
+        ("explorer", 0, {OTHER: [1]}, {LIMIT: [1]}, ("world",)),  # it is one
+        ("explorer", 2, {}, {LIMIT: [2]}, ()),  # of the whole folder no world runs anything
+        ("unit", 2, {OTHER: [1]}, {LIMIT: [1, 5]}, ("world",)),  # a test may run it in a process of its own
+    ],
+)
+def test_what_no_world_runs_is_shown_to_none_unless_it_runs_at_the_import(
+    repository, net, line, of_worlds, imported, looks
+):
+    campaign = mutation_campaign.Campaign(repository, repository / "build", 1)
+    campaign.observed = {net: {"world": Seen(1, of_worlds), IMPORTS: Seen(0, imported)}}
+    mutant = Mutant(Place(LIMIT, line, 0, "core/NumberReplacer", 0), "", "")
+    try:
+        assert campaign.names(mutation_campaign.Task(mutant, net)) == looks
+    finally:
+        campaign.close()
 
 
 def test_a_net_that_is_not_green_without_a_mutant_is_no_net(repository):
