@@ -167,6 +167,26 @@ def test_lost_in_flight(name, place):
         assert alarms == (["autopilot_lost"] if row.alarm else [])
 
 
+@pytest.mark.parametrize("place", AIRBORNE)
+@pytest.mark.parametrize("landed", [each for each in ev.VehicleLanded if each is not ev.VehicleLanded.ON_GROUND])
+def test_a_vehicle_that_says_that_it_is_disarmed_in_the_air_is_landed_for_and_the_pilot_is_alarmed(landed, place):
+    story = _patient(place)
+    story.say(armed=False, landed=landed)
+    story.after(4.9)
+    assert story.place[0] != "LAND"
+    story.after(0.35).expect("LAND")
+    assert (story.motions[:2], "autopilot_lost" in story.told) == (["LAND", "AutopilotLand"], True)
+
+
+def test_disarmed_just_before_it_says_that_it_stands_on_the_ground_alarms_nobody():
+    story = at("LAND descending")
+    story.say(armed=False)
+    story.after(3.0)
+    story.say(landed=ev.VehicleLanded.ON_GROUND)
+    story.until("DATA_CLEANUP")
+    assert "autopilot_lost" not in story.told
+
+
 @pytest.mark.parametrize("unknown", ["height_m", "position_x_m", "position_y_m", "tilt_deg"])
 def test_each_value_that_has_a_limit_is_missed_when_it_is_not_known(unknown):
     story = _patient("MISSION flying")

@@ -423,6 +423,7 @@ def _(s: EngineState) -> bool:
     planner, vehicle = s.peers.planner, s.peers.autopilot
     idle = planner is not None and planner.phase.name in ("IDLE", "LOADED", "LANDED", "HOLDING")
     unknown = vehicle is not None and (vehicle.armed is None or vehicle.landed.name == "UNKNOWN")
+    unknown = unknown or (vehicle is not None and vehicle.armed is False and vehicle.landed.name != "ON_GROUND")
     unarmed = vehicle is not None and vehicle.armed is None
     known = s.peers.vehicle_unknown_ns is None or unknown
     lands = planner is not None and planner.phase.name == "LANDING" and vehicle is not None and vehicle.armed is True

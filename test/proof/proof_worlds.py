@@ -567,10 +567,11 @@ _ALL: Tuple[World, ...] = (
     ),
     World(
         name="led by nobody",
-        words="the planner says that nothing is flown, or nothing is known of the vehicle for long, while it flies",
+        words="the planner says that nothing is flown, or nothing is known of the vehicle for long, or what cannot "
+        "be, while it flies",
         seeds=(SEEDS["flying"],),
         scenes=_FLIES,
-        anytime=("unknown",),
+        anytime=("unknown", "disarmed_flying"),
         planner=("FLYING", "LANDED", "IDLE", "LOADED"),
         users=("acknowledge", "hold"),
         motion=("ACCEPTED",),

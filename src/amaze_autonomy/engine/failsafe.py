@@ -266,7 +266,7 @@ FAILSAFE_CONDITIONS: Tuple[FailsafeCondition, ...] = (
     F("landing_stalled", (Silent("landing_stalled_ns", "landing_stall_limit_ns", "for", since=None),), Action.LAND, "the mission planner says that it lands, and the vehicle stands in the air", both_routes=True),
     F("planner_failed", (Says(_planner_failed),), Action.LAND, "the mission planner failed", both_routes=True),
     F("autopilot_status", (Silent("autopilot_ns", "autopilot_status_limit_ns", _SILENT), Says(_link_unknown), Silent("link_ns", "autopilot_link_limit_ns", "link silent for", since=None)), Action.LAND, "no status from the autopilot", both_routes=True, alarm=True, peer="autopilot"),
-    F("vehicle_unknown", (Silent("vehicle_unknown_ns", "vehicle_unknown_limit_ns", "for", since=None),), Action.LAND, "whether the vehicle is armed and on the ground is unknown", both_routes=True, alarm=True, only="flight.was_airborne"),
+    F("vehicle_unknown", (Silent("vehicle_unknown_ns", "vehicle_unknown_limit_ns", "for", since=None),), Action.LAND, "whether the vehicle is armed and on the ground is unknown, or it says that it is disarmed in the air", both_routes=True, alarm=True, only="flight.was_airborne"),
     F("clock", (Above("clock_stalled_s", "clock_stall_limit_ns", "standing for"),), Action.LAND, "/clock stands still", both_routes=True),
     F("battery_unknown", (Silent("battery_ns", "battery_age_limit_ns", "unknown for"),), Action.LAND, "the battery level is unknown"),
     F("battery_critical", (Below("autopilot.battery_fraction", "battery_critical_fraction", "battery fraction", fresh=False), Says(_battery_flag)), Action.LAND, "the battery is critical"),

@@ -234,7 +234,7 @@ class Limits:
     landing_stall_limit_ns: int = _FAILSAFE.time(60, 600, "how long the planner may say that it lands while the vehicle stands in the air", "a landing that looks for its place stands for some seconds; after a minute nobody lands it")
     autopilot_status_limit_ns: int = _FAILSAFE.time(1, 60, "silence of the autopilot node that is a loss", "five messages at 5 Hz")
     autopilot_link_limit_ns: int = _FAILSAFE.time(3, 60, "age of the vehicle's heartbeat that is a lost link", "three MAVLink heartbeats at 1 Hz")
-    vehicle_unknown_limit_ns: int = _FAILSAFE.time(5, 60, "how long it may be unknown in flight whether the vehicle is armed and on the ground", "who flies it, and whether it has landed, is not known then; both come at 1 Hz or more")
+    vehicle_unknown_limit_ns: int = _FAILSAFE.time(5, 60, "how long it may be unknown in flight whether the vehicle is armed and on the ground, or said that it is disarmed in the air", "who flies it, and whether it has landed, is not known then; both come at 1 Hz or more")
     position_age_limit_ns: int = _FAILSAFE.time(10, 60, "how long height, position or tilt may be unknown in flight", "their limits cannot be watched without")
     recorder_status_limit_ns: int = _FAILSAFE.time(5, 120, "silence of the recorder that is a loss", "ten messages at 2 Hz")
     landing_detection_limit_ns: int = _FAILSAFE.time(1, 60, "silence of the landing detection that is a loss", "five messages at 5 Hz")

@@ -374,8 +374,8 @@ class Peers:
 
     Of each watchdog its last loop counter is kept, and how often in a row it has grown, up to two. Since when something
     is so: `planner_idle_ns`, that the planner says of a vehicle in the air that nothing is flown; `landing_stalled_ns`,
-    that it says that it lands, and the vehicle stands there; `vehicle_unknown_ns`,
-    that it is not known whether the vehicle is armed, or on the ground; `armed_unknown_ns`, whether it is armed.
+    that it says that it lands, and the vehicle stands there; `vehicle_unknown_ns`, that it is not known whether the
+    vehicle is armed, or on the ground, or that it is said to be disarmed in the air; `armed_unknown_ns`, whether armed.
     """
 
     action: Optional[WatchdogAction] = None

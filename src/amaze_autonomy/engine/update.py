@@ -288,6 +288,7 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
     _after_silence(context)
     peers, vehicle, now = context.state.peers, context.state.vehicle, context.now
     unknown = event.armed is None or event.landed is VehicleLanded.UNKNOWN
+    contradicts = event.armed is False and event.landed is not VehicleLanded.ON_GROUND  # it flies, or it is disarmed
     speed = event.vertical_speed_m_s
     descending = speed is not None and speed <= -context.limits.descent_speed_m_s
     known = None not in (event.height_m, event.position_x_m, event.position_y_m, event.tilt_deg)
@@ -295,7 +296,7 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
         "peers",
         autopilot=event,
         autopilot_ns=now,
-        vehicle_unknown_ns=_since(peers.vehicle_unknown_ns, now, says=unknown),
+        vehicle_unknown_ns=_since(peers.vehicle_unknown_ns, now, says=unknown or contradicts),
         armed_unknown_ns=_since(peers.armed_unknown_ns, now, says=event.armed is None),
         battery_ns=_battery_known_ns(event, now, peers.battery_ns),
         position_ns=now if known else peers.position_ns,

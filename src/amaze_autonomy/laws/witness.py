@@ -180,7 +180,7 @@ class Witness:
         return says and self.now - (self.unarmed_ns or 0) >= limits.pilot_silence_limit_ns
 
     def is_unknown(self, limits: Limits) -> bool:
-        """Return True when it was unknown for too long whether it is armed, or on the ground."""
+        """Return True when it was unknown for too long whether it is armed and on the ground, or neither can be."""
         return self.unknown_ns is not None and self.now - self.unknown_ns > limits.vehicle_unknown_limit_ns
 
     def is_taken(self, limits: Limits) -> bool:
@@ -226,7 +226,8 @@ def _autopilot(
     if previous is None or previous.mode != event.mode:
         changes["mode_ns"] = now
     unchanged = event.mode == witness.mode_before and not witness.answered  # since before the flight
-    unknown = event.armed is None or event.landed is ev.VehicleLanded.UNKNOWN
+    said = (event.armed, event.landed)
+    unknown = None in said or ev.VehicleLanded.UNKNOWN in said or said in ((False, landed) for landed in _FLIES)
     changes["unknown_ns"] = (now if witness.unknown_ns is None else witness.unknown_ns) if unknown else None
     unknown_ns = now if witness.armed_unknown_ns is None else witness.armed_unknown_ns
     changes["armed_unknown_ns"] = unknown_ns if event.armed is None else None
