@@ -178,6 +178,17 @@ def test_a_vehicle_that_says_that_it_is_disarmed_in_the_air_is_landed_for_and_th
     assert (story.motions[:2], "autopilot_lost" in story.told) == (["LAND", "AutopilotLand"], True)
 
 
+def test_a_landing_for_a_vehicle_that_says_that_it_is_disarmed_in_the_air_ends_by_a_person_after_half_a_minute():
+    story = at("LAND descending")
+    story.vehicle.speed = 0.0
+    story.say(armed=False, landed=ev.VehicleLanded.IN_AIR)
+    story.after(29.9)
+    assert ("autopilot_lost" in story.told, story.user("acknowledge")[0]) == (True, "REFUSED")
+    story.expect("LAND").after(0.2)
+    assert story.user("acknowledge")[0] == "DONE"
+    story.expect("DATA_CLEANUP")
+
+
 def test_disarmed_just_before_it_says_that_it_stands_on_the_ground_alarms_nobody():
     story = at("LAND descending")
     story.say(armed=False)

@@ -161,7 +161,8 @@ def heard_down(context: Context) -> Optional[Seen]:
 def nobody_knows(context: Context) -> Optional[Seen]:
     """The pilot was alarmed; it is not heard any more, nor whether it is armed and has landed, or long disarmed."""
     state, status = context.state, context.state.peers.autopilot
-    unknown = passed("vehicle_unknown_limit", state, context.rules, context.now)
+    says_nothing = status is not None and (status.armed is None or status.landed is VehicleLanded.UNKNOWN)
+    unknown = says_nothing and passed("vehicle_unknown_limit", state, context.rules, context.now)
     landing = state.landing
     alarmed = landing.alarmed or landing.lost_alarmed or landing.overdue_alarmed or landing.armed_alarmed
     silent = alarmed and (context.vehicle() is None or unknown or context.disarmed_for_long())
