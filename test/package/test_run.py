@@ -115,6 +115,9 @@ def test_a_folder_that_was_copied_to_a_path_with_spaces_and_umlauts_works_withou
     assert "/mission_planner" in started.splitlines()
 
 
+WRONG_PORTS = ("abc", "0", "-1", "1.5", "65535", "14540;simulation=false")
+
+
 @pytest.mark.parametrize(
     "argument, words",
     [
@@ -264,6 +267,7 @@ SWITCHES = (
             (f"{name}:=a/run", f"{name}:=a/run begins with neither / nor ~: write its whole path")
             for name in ("output", "runs", "recordings")
         ),
+        *((f"mavlink_port:={p}", f"mavlink_port:={p} is no port with a next one: 1 to 65534") for p in WRONG_PORTS),
         ("config:=true", "config:=True is a number or true or false to roslaunch: write its whole path"),
     ],
 )

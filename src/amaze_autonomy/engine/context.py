@@ -84,6 +84,11 @@ _OWN: Mapping[str, Tuple[Modes, Modes]] = {
 }
 
 
+def says_nothing(status: AutopilotStatus) -> bool:
+    """Return True when a status does not say whether the vehicle is armed, or whether it is on the ground."""
+    return status.armed is None or status.landed is VehicleLanded.UNKNOWN
+
+
 def is_further(mode: str, flown: str) -> bool:
     """Return True when a takeoff has come further in one mode than in another; before all of them there is none."""
     return _ON_THE_WAY.get(mode, 0) > _ON_THE_WAY.get(flown, 0)

@@ -6,7 +6,7 @@ from typing import Optional
 
 from . import failsafe
 from .commands import Seen, Value, because
-from .context import FLYING_MODES, LANDING_MODES, Context
+from .context import FLYING_MODES, LANDING_MODES, Context, says_nothing
 from .events import MissionPhase, Outcome, VehicleLanded
 from .failsafe import FAILSAFE_CONDITIONS
 from .guards import Guard, holds_if
@@ -161,8 +161,8 @@ def heard_down(context: Context) -> Optional[Seen]:
 def nobody_knows(context: Context) -> Optional[Seen]:
     """The pilot was alarmed; it is not heard any more, nor whether it is armed and has landed, or long disarmed."""
     state, status = context.state, context.state.peers.autopilot
-    says_nothing = status is not None and (status.armed is None or status.landed is VehicleLanded.UNKNOWN)
-    unknown = says_nothing and passed("vehicle_unknown_limit", state, context.rules, context.now)
+    lasts = passed("vehicle_unknown_limit", state, context.rules, context.now)
+    unknown = lasts and status is not None and says_nothing(status)
     landing = state.landing
     alarmed = landing.alarmed or landing.lost_alarmed or landing.overdue_alarmed or landing.armed_alarmed
     silent = alarmed and (context.vehicle() is None or unknown or context.disarmed_for_long())

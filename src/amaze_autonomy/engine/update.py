@@ -8,7 +8,17 @@ from __future__ import annotations
 
 from typing import Callable, Dict, Iterable, Optional, Tuple, Type
 
-from .context import FLYING_MODES, HOLDING_MODES, LANDING_MODES, MISSION_MODE, SET_POINT_MODE, Context, is_further, ours
+from .context import (
+    FLYING_MODES,
+    HOLDING_MODES,
+    LANDING_MODES,
+    MISSION_MODE,
+    SET_POINT_MODE,
+    Context,
+    is_further,
+    ours,
+    says_nothing,
+)
 from .events import (
     CHECKS,
     AutopilotStatus,
@@ -287,7 +297,6 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
         return
     _after_silence(context)
     peers, vehicle, now = context.state.peers, context.state.vehicle, context.now
-    unknown = event.armed is None or event.landed is VehicleLanded.UNKNOWN
     contradicts = event.armed is False and event.landed is not VehicleLanded.ON_GROUND  # it flies, or it is disarmed
     speed = event.vertical_speed_m_s
     descending = speed is not None and speed <= -context.limits.descent_speed_m_s
@@ -296,7 +305,7 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
         "peers",
         autopilot=event,
         autopilot_ns=now,
-        vehicle_unknown_ns=_since(peers.vehicle_unknown_ns, now, says=unknown or contradicts),
+        vehicle_unknown_ns=_since(peers.vehicle_unknown_ns, now, says=says_nothing(event) or contradicts),
         armed_unknown_ns=_since(peers.armed_unknown_ns, now, says=event.armed is None),
         battery_ns=_battery_known_ns(event, now, peers.battery_ns),
         position_ns=now if known else peers.position_ns,

@@ -226,8 +226,8 @@ def _autopilot(
     if previous is None or previous.mode != event.mode:
         changes["mode_ns"] = now
     unchanged = event.mode == witness.mode_before and not witness.answered  # since before the flight
-    said = (event.armed, event.landed)
-    unknown = None in said or ev.VehicleLanded.UNKNOWN in said or said in ((False, landed) for landed in _FLIES)
+    impossible = event.armed is False and event.landed in _FLIES
+    unknown = event.armed is None or event.landed is ev.VehicleLanded.UNKNOWN or impossible
     changes["unknown_ns"] = (now if witness.unknown_ns is None else witness.unknown_ns) if unknown else None
     unknown_ns = now if witness.armed_unknown_ns is None else witness.armed_unknown_ns
     changes["armed_unknown_ns"] = unknown_ns if event.armed is None else None
