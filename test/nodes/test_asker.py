@@ -14,8 +14,10 @@ import time
 from pathlib import Path
 from queue import SimpleQueue
 from types import SimpleNamespace
+from urllib.parse import urlparse
 
 import pytest
+from waiting import wait_for
 
 rospy = pytest.importorskip("rospy")
 
@@ -65,6 +67,12 @@ class Program:
     def send(self, number):
         self.process.send_signal(number)
 
+    def stop(self):
+        """Stop it, and wait until every thread stands: on a busy computer one may still read what comes."""
+        self.send(signal.SIGSTOP)
+        tasks = Path(f"/proc/{self.process.pid}/task")
+        wait_for(lambda: all(") T " in (task / "stat").read_text("ascii") for task in tasks.iterdir()))
+
     def end(self):
         self.process.kill()
         self.process.wait()
@@ -93,6 +101,19 @@ class World:
 
     def network(self, state):
         subprocess.run([*self.inside, "ip", "link", "set", "lo", state], check=True, timeout=20.0)
+
+    def until_it_lies_in_a_socket(self):
+        """Wait until something has come to the desk that it has not read."""
+        place = f":{urlparse(self.place).port:04X}"
+        table = Path(f"/proc/{self.desk.process.pid}/net/tcp")
+
+        def lies():
+            sockets = [line.split() for line in table.read_text("ascii").splitlines()[1:]]
+            return any(
+                ours.endswith(place) and int(queues.partition(":")[2], 16) for _, ours, _, _, queues, *_ in sockets
+            )
+
+        wait_for(lies)
 
     def decided(self):
         """Return what has been decided about so far: the hold that is asked for now is the last."""
@@ -141,7 +162,7 @@ def test_what_the_console_shows_as_not_answered_is_not_decided_about_when_the_en
     world, word, then, stopped_s
 ):
     user = world.user("console")
-    world.desk.send(signal.SIGSTOP)
+    world.desk.stop()
     user.say(word)
     answer = user.line()
     assert answer.startswith("NO_ANSWER")
@@ -158,7 +179,7 @@ def test_what_the_console_shows_as_not_answered_is_not_decided_about_when_the_en
 @pytest.mark.parametrize("role", ["proxy", "once"])
 def test_a_takeoff_that_lay_in_the_socket_for_long_is_refused_and_its_user_may_ask_again(world, role):
     user = world.user(role)
-    world.desk.send(signal.SIGSTOP)
+    world.desk.stop()
     user.say("go")
     time.sleep(MUCH_LATER_S)
     world.desk.send(signal.SIGCONT)
@@ -173,7 +194,7 @@ def test_a_takeoff_that_lay_in_the_socket_for_long_is_refused_and_its_user_may_a
 @pytest.mark.parametrize("role", ["proxy", "once"])
 def test_a_landing_that_lay_in_the_socket_for_long_is_carried_out(world, role):
     user = world.user(role)
-    world.desk.send(signal.SIGSTOP)
+    world.desk.stop()
     user.say("land")
     time.sleep(MUCH_LATER_S)
     world.desk.send(signal.SIGCONT)
@@ -184,7 +205,7 @@ def test_a_landing_that_lay_in_the_socket_for_long_is_carried_out(world, role):
 @pytest.mark.parametrize("role", ["console", "proxy", "once"])
 def test_a_takeoff_whose_user_waits_after_a_short_stop_is_carried_out(world, role):
     user = world.user(role)
-    world.desk.send(signal.SIGSTOP)
+    world.desk.stop()
     user.say("go")
     time.sleep(0.3)
     world.desk.send(signal.SIGCONT)
@@ -196,13 +217,18 @@ def test_a_takeoff_whose_user_waits_after_a_short_stop_is_carried_out(world, rol
 @pytest.mark.parametrize("word, then", [("go", []), ("land", ["land"])])
 def test_a_takeoff_whose_user_has_gone_meanwhile_is_not_decided_about(world, role, word, then):
     user = world.user(role)
-    world.desk.send(signal.SIGSTOP)
+    world.desk.stop()
     user.say(word)
-    time.sleep(0.8)
+    world.until_it_lies_in_a_socket()
     user.end()
-    time.sleep(0.4)
     world.desk.send(signal.SIGCONT)
-    assert world.decided() == (then if role != "once" else [])  # `once` has not been let in: it had not asked yet
+    if role == "once":  # it has not been let in: it had not asked yet
+        then = []
+    elif then:
+        world.desk.until(word)
+    else:
+        world.desk.until_logged("who asked has gone; it is not carried out")
+    assert world.decided() == then
 
 
 # --- the network is away ---

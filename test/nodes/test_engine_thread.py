@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import replace
 from queue import SimpleQueue
 
 import pytest
+from waiting import wait_for
 
 pytest.importorskip("rospy")
 
@@ -85,13 +85,6 @@ class Run:
 
 def started(t_ns=5):
     return EngineStarted(t_ns=t_ns)
-
-
-def wait_for(condition, limit_s=10.0):
-    deadline_s = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.001)
 
 
 S = 1_000_000_000

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import threading
-import time
 from io import BytesIO
 from types import SimpleNamespace
 
 import pytest
+from waiting import wait_for
 
 pytest.importorskip("rospy")
 
@@ -129,13 +129,6 @@ def topic(journal, monkeypatch):
     made.close(2.0)
 
 
-def eventually(happened):
-    deadline_s = time.monotonic() + 10.0
-    while not happened():
-        assert time.monotonic() < deadline_s, "it never happened"
-        time.sleep(0.005)
-
-
 def test_no_more_lines_are_sent_at_once_than_a_recorder_holds(journal):
     journal.write(*(f"{number}" for number in range(500)))
     found, slices = journal.read_all()
@@ -148,11 +141,11 @@ def test_every_listener_gets_every_line_in_order_whatever_another_one_does(journ
     late = topic.subscribe(Listener())
     journal.write('{"kind":"decision"}')
     expected = [(0, "header", HEADER), (1, "event", '{"kind":"event"}'), (2, "decision", '{"kind":"decision"}')]
-    eventually(lambda: late.numbers == expected)
-    eventually(lambda: gone.closed and topic.connections == [standing, late])
+    wait_for(lambda: late.numbers == expected)
+    wait_for(lambda: gone.closed and topic.connections == [standing, late])
     assert standing.numbers == []
     standing.goes_on.set()
-    eventually(lambda: standing.numbers == expected)
+    wait_for(lambda: standing.numbers == expected)
 
 
 def test_the_last_lines_are_delivered_before_the_end(journal, topic):

@@ -8,11 +8,11 @@ import signal
 import subprocess
 import sys
 import termios
-import time
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
+from waiting import wait_for
 
 pytest.importorskip("rospy")
 
@@ -96,13 +96,6 @@ def test_what_is_no_node_is_said():
             [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False, timeout=120
         )
         assert (done.returncode, words in (done.stderr or done.stdout)) == (status, True)
-
-
-def wait_for(condition):
-    until_s = time.monotonic() + LIMIT_S
-    while not condition():
-        assert time.monotonic() < until_s
-        time.sleep(0.02)
 
 
 @pytest.fixture

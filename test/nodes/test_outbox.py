@@ -10,6 +10,7 @@ from functools import partial
 from types import SimpleNamespace
 
 import pytest
+from waiting import wait_for
 
 pytest.importorskip("rospy")
 
@@ -112,13 +113,6 @@ def test_a_disk_that_cannot_be_asked_is_said_and_asked_again(run, monkeypatch, t
     run.sync()
     wait_for(lambda: run.problem == "")
     run.close()
-
-
-def wait_for(condition):
-    until_s = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < until_s
-        time.sleep(0.01)
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from waiting import wait_for
 
 pytest.importorskip("rospy", reason="needs ROS")
 
@@ -50,44 +50,37 @@ def peers():
     made.end()
 
 
-def wait(condition, what: str, limit_s: float = 10.0) -> None:
-    ends_s = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < ends_s, f"{what} did not come"
-        time.sleep(0.01)
-
-
 def test_what_is_killed_stays_down_until_the_fault_ends_whoever_starts_it_again(node, peers):
     peers.look_after({"autopilot": ("killed",)})
     assert node.processes[0].wait(10.0) == -9
     node.start()
-    wait(lambda: node.state() == "T", "the stop of what was started again")
+    wait_for(lambda: node.state() == "T", "the stop of what was started again")
     peers.look_after({"autopilot": ("killed",)})
     assert node.state() == "T"
     peers.look_after({})
-    wait(lambda: node.state() in "RS", "its going on")
+    wait_for(lambda: node.state() in "RS", "its going on")
 
 
 @pytest.mark.parametrize("kind", ["silent", "stuck"])
 def test_what_is_silent_or_stuck_is_stopped_until_the_fault_ends(node, peers, kind):
     peers.look_after({"autopilot": (kind,)})
-    wait(lambda: node.state() == "T", "the stop")
+    wait_for(lambda: node.state() == "T", "the stop")
     peers.look_after({})
-    wait(lambda: node.state() in "RS", "its going on")
+    wait_for(lambda: node.state() in "RS", "its going on")
 
 
 def test_at_the_end_nothing_stays_stopped(node, peers):
     peers.look_after({"autopilot": ("silent",)})
-    wait(lambda: node.state() == "T", "the stop")
+    wait_for(lambda: node.state() == "T", "the stop")
     peers.end()
-    wait(lambda: node.state() in "RS", "its going on")
+    wait_for(lambda: node.state() in "RS", "its going on")
 
 
 def test_a_fault_that_a_real_node_cannot_be_given_is_told(node, peers, monkeypatch):
     told = []
     monkeypatch.setattr(live_world.rospy, "logwarn", lambda words, *values: told.append(words % values))
     peers.look_after({"autopilot": ("slow",)})
-    wait(lambda: told, "the warning")
+    wait_for(lambda: told, "the warning")
     assert (told, node.state() in "RS") == (["autopilot is a real node: its fault slow does nothing"], True)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from waiting import wait_for
 
 pytest.importorskip("rospy")
 sys.path.append(str(Path(__file__).parents[1] / "replay"))
@@ -47,13 +48,6 @@ from amaze_autonomy.recording.status import Transfer as Transfers
 from amaze_autonomy.ros.errors import StartError
 
 PART = PlatformStatus("second", True, 1000, 20.0, 0.25, "/rec/s/second", "wörds", 3, 0.5)
-
-
-def wait_for(condition, what):
-    until_s = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < until_s, what
-        time.sleep(0.01)
 
 
 def over_the_wire(message):
