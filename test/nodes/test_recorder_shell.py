@@ -43,6 +43,7 @@ from amaze_autonomy.nodes.recorder.platform import CpuLoad, RecorderPlatform, pr
 from amaze_autonomy.nodes.recorder.processes import DiskSync, Subscriptions
 from amaze_autonomy.nodes.recorder.settings import RecorderShare, collector_setup, platform_setup, recordings_folder
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.recording import PlatformRecorder, PlatformSetup
 from amaze_autonomy.recording.status import PlatformStatus, ProcessStatus, Status
 from amaze_autonomy.recording.status import Transfer as Transfers
 from amaze_autonomy.ros.errors import StartError
@@ -104,6 +105,17 @@ def test_what_is_subscribed_and_published_is_what_the_master_says():
     assert said.missing("/record", ("/a", "/b", "/c")) == ("/b", "/c")
     assert (said.silent(("/a", "/c")), said.silent(("/a", "/b"))) == (True, False)
     assert (Subscriptions().missing("/record", ("/a",)), Subscriptions().silent(("/a",))) == (None, False)
+
+
+TOO_LONG = json.dumps({"main": {}, "second": "a" * 300_000})
+
+
+@pytest.mark.parametrize("said", ["", "{", "3", '{"other": {}}', '{"main": 3}', '{"main": {"a": {}}}', TOO_LONG])
+def test_what_the_collector_wants_and_cannot_be_compared_is_said_and_changes_nothing(said, caplog):
+    machine = PlatformRecorder(PlatformSetup("main", ()))
+    platform = SimpleNamespace(name="main", machine=machine, _share=SimpleNamespace(lock=threading.Lock()))
+    RecorderPlatform._compare(platform, SimpleNamespace(data=said))
+    assert "says nothing of main that could be compared" in caplog.text
 
 
 def modes(folder, pattern):
@@ -246,7 +258,7 @@ def test_a_fetch_that_is_given_up_ends_and_starts_nothing_more(tmp_path, sent, m
     monkeypatch.setenv("PATH", f"{rsync.parent}:{os.environ['PATH']}")
     jobs, problems = processes.RecorderJobs(), []
     thread = in_a_thread(lambda: problems.append(jobs.fetch(SHARED, str(there), here, print)))
-    wait_for((tmp_path / "started").is_file, "it has started")
+    wait_for((tmp_path / "started").is_file, "its start")
     jobs.stop_fetch(here)
     thread.join(10.0)
     assert problems == ["rsync: status -9"]
@@ -260,7 +272,7 @@ def test_a_fetch_that_hung_before_its_program_starts_none_when_it_was_given_up(s
     monkeypatch.setattr(processes.subprocess, "Popen", lambda *_, **__: pytest.fail("a program is started"))
     monkeypatch.setattr(processes, "mounted", lambda *_: str(there) if goes_on.wait(10.0) else "")
     thread = in_a_thread(lambda: problems.append(jobs.fetch(SHARED, str(there), here, print)))
-    wait_for(lambda: jobs._fetches, "it has begun")
+    wait_for(lambda: jobs._fetches, "its beginning")
     jobs.stop_fetch(here)
     goes_on.set()
     thread.join(10.0)
@@ -274,7 +286,7 @@ def test_a_fetch_that_raises_has_ended_and_says_why(tmp_path):
     view = collector.machine.views["second"]
     view.fetching = 7
     collector.commands[Transfers](Transfers("second", "/rec/s1_m/second", 7))
-    wait_for(lambda: not view.fetching, "it has ended")
+    wait_for(lambda: not view.fetching, "its end")
     assert (view.fetched, view.problem) == (False, "it could not be fetched (KeyError: 'files')")
 
 

@@ -55,6 +55,34 @@ def test_a_slow_group_is_proven_by_its_first_message_whatever_it_had_written_whe
     assert other.go_on(0.2).part.growing
 
 
+def test_what_its_copy_of_the_configuration_lacks_is_said_while_it_records_and_in_no_other_phase():
+    platform = Platform()
+    own = {each.name: each.configured for each in platform.machine.setup.groups}
+    lacks = ["/more and /most are not in its configuration"]
+    assert platform.machine.compare({**own, "other": configured(["/more", "/most"])}) == lacks
+    assert platform.part.message == ""
+    platform.start()
+    platform.go_on(1.0)
+    assert (platform.machine.phase, platform.part.growing, platform.part.message) == (PHASE.RECORDING, True, lacks[0])
+    platform.stop()
+    assert platform.part.message == ""
+    platform.go_on(0.3)
+    recovered(platform)
+    platform.start("s2")
+    assert platform.go_on(1.0).part.message == lacks[0]
+    assert platform.machine.compare(own) == []
+    assert platform.part.message == ""
+
+
+@pytest.mark.parametrize("wanted", [None, [], {"a": None}, {"a": {"topics": ["/b"]}}, {"a": {"topics": 3}}], ids=str)
+def test_what_cannot_be_compared_is_an_error_and_changes_nothing(wanted):
+    platform = recording()
+    platform.machine.compare({"a": configured(["/more"])})
+    with pytest.raises((AttributeError, KeyError, TypeError)):
+        platform.machine.compare(wanted)
+    assert platform.part.message == "/more is not in its configuration"
+
+
 def test_it_does_not_record_while_a_topic_is_not_subscribed_or_the_master_says_nothing():
     platform = Platform()
     platform.missing["states"] = ("/states",)

@@ -149,6 +149,13 @@ class Recorders:
             self.statuses.append(message)
             self._changed.notify_all()
 
+    def configure(self, platform: str, old: str, new: str) -> None:
+        """Give a platform a copy of the configuration in which recording.yaml has something else."""
+        copy = shutil.copytree(self._config, self.folder / f"config_{platform}") / "recording.yaml"
+        text = copy.read_text()
+        assert old in text
+        copy.write_text(text.replace(old, new))
+
     @property
     def written_in(self) -> List[Path]:
         """The folders that the nodes write in."""
@@ -157,7 +164,9 @@ class Recorders:
     def start_node(self, platform: str, **environment: str) -> None:
         rospy.set_param(f"/{self.name}/data_recorder_{platform}/platform", platform)
         command = [roslib.packages.find_node("amaze_autonomy", "data_recorder")[0], f"__name:=data_recorder_{platform}"]
-        command += ["--config", str(self._config), "--folder", str(self.storage / platform)]
+        copy = self.folder / f"config_{platform}"
+        config = copy if copy.is_dir() else self._config
+        command += ["--config", str(config), "--folder", str(self.storage / platform)]
         variables = {**os.environ, "ROS_NAMESPACE": f"/{self.name}", **environment}
         with (self.folder / f"{platform}.log").open("ab") as log:
             command = started_under(UMASKS[platform], command)
@@ -435,6 +444,32 @@ class TestRecorder(unittest.TestCase):
             self.skipTest(f"NOT TESTED: a small storage cannot be mounted here: {done.stderr.decode().strip()}")
         self.addCleanup(subprocess.run, ["umount", "--lazy", str(folder)], check=True)
         return folder
+
+    def test_what_a_copy_of_the_configuration_lacks_is_said_while_it_records_whoever_started_first(self) -> None:
+        recorders = Recorders("copies")
+        try:
+            topic = "/copies/second/numbers"
+            recorders.configure("main", f"[{topic}]", f"[{topic}, /copies/second/more]")
+            recorders.start_node("second")
+            recorders.start_node("main")
+            wait_for_service("/copies/second/data_recorder/start")
+            self.assertTrue(recorders.ask("start").accepted)
+            recorders.wait_phase(PHASE.RECORDING)
+            lacks = "/copies/second/more is not in its configuration"
+            said = lambda: [each.message for each in recorders.status.platforms] == ["", lacks]  # noqa: E731
+            wait_for(said, "what it lacks")
+            recorders.nodes["second"].kill()
+            recorders.nodes["second"].wait()
+            recorders.start_node("second")  # as `respawn` does
+            seen = len(recorders.statuses)
+            wait_for(lambda: len(recorders.statuses) > seen + 2, "statuses of what is now")
+            wait_for(said, "what it lacks, again")
+            self.assertTrue(recorders.ask("stop").accepted)
+            status = recorders.wait_phase(PHASE.COMPLETE)
+            self.assertEqual(status.lost, f"second: {lacks}")
+            self.assertIn("copy the collector's configuration to this computer", recorders.log())
+        finally:
+            recorders.close()
 
     def test_a_full_storage_is_said_before_and_during_and_what_was_written_is_whole(self) -> None:
         folder = self.small_storage("full", 50)

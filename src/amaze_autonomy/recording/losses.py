@@ -28,7 +28,7 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.read import Loader, Pool
 from amaze_autonomy.units import SECOND
 
-from .status import STOPPED, Configured, lacking
+from .status import STOPPED, Configured, lacking, lacking_words
 
 # --- numbers in headers -----------------------------------------------------------------------------------------------
 
@@ -500,17 +500,10 @@ def not_configured(
         tolerated: topics that may be lost.
     """
     topics, expressions = lacking(content, wanted)
-    found = [
-        Loss(f"{_listed(names)} not in its configuration", counts)
-        for names, counts in (
-            ([topic for topic in topics if topic not in tolerated], True),
-            ([topic for topic in topics if topic in tolerated], False),
-        )
-        if names
+    counted = [topic for topic in topics if topic not in tolerated]
+    others = [topic for topic in topics if topic in tolerated]
+    return [
+        *(Loss(words) for words in lacking_words(counted)),
+        *(Loss(words, counts=False) for words in lacking_words(others)),
+        *(Loss(words) for words in lacking_words((), expressions)),
     ]
-    return found + [Loss(f"topics that match {each} are not in its configuration") for each in expressions]
-
-
-def _listed(names: Sequence[str]) -> str:
-    *others, last = names
-    return f"{', '.join(others)} and {last} are" if others else f"{last} is"

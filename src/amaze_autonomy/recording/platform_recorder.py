@@ -45,6 +45,8 @@ from .status import (
     Status,
     common,
     configured,
+    lacking,
+    lacking_words,
 )
 from .storage import time_left_s
 
@@ -381,6 +383,7 @@ class PlatformRecorder:
         self._recovering = self._full = self._anew = False
         self._progress: Optional[float] = None
         self._message = ""
+        self._lacks: List[str] = []
         self._escalation = self._tries = 0
 
     # --- requests -------------------------------------------------------------------------------------------------
@@ -453,6 +456,15 @@ class PlatformRecorder:
                 group.end(t_ns)
 
     # --- what happens ---------------------------------------------------------------------------------------------
+
+    def compare(self, wanted: Mapping[str, Configured]) -> List[str]:
+        """Take what the collector's configuration has of this platform; return what this copy lacks, one line each.
+
+        Raises:
+            AttributeError, KeyError, TypeError: It is none.
+        """
+        self._lacks = lacking_words(*lacking({"configured": self._configured}, wanted))
+        return self._lacks
 
     def recovery_progress(self, fraction: float) -> None:
         """Take the progress of the recovery."""
@@ -591,7 +603,7 @@ class PlatformRecorder:
             return []
         found = [self._message] if self._message else []
         if self.phase in WRITING:
-            found += self._space_troubles()
+            found += self._lacks + self._space_troubles()
             if self.phase is Phase.RECORDING and not self._growth.grows(t_ns, self.setup.growth_limit_ns):
                 found.append("its files do not grow")
         for group in self.groups.values():

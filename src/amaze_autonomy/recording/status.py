@@ -263,6 +263,14 @@ def lacking(content: Mapping[str, Any], wanted: Mapping[str, Configured]) -> Tup
     return [topic for topic in topics if not any(_records(group, topic) for group in there)], expressions
 
 
+def lacking_words(topics: Sequence[str], expressions: Sequence[str] = ()) -> List[str]:
+    """Return what is said of what recorders were not told, one line each."""
+    *others, last = topics or ("",)
+    named = f"{', '.join(others)} and {last} are" if others else f"{last} is"
+    matched = [f"topics that match {each} are not in its configuration" for each in expressions]
+    return [*([f"{named} not in its configuration"] if topics else []), *matched]
+
+
 def _groups(content: Mapping[str, Any]) -> Optional[List[Configured]]:
     """Return the groups that the list of a part has; None: it has none, or what cannot be one."""
     with suppress(KeyError, TypeError, AttributeError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import json
 import shutil
 import threading
 import time
@@ -12,6 +13,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type
 
 import rosgraph
 import rospy
+from std_msgs.msg import String
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
@@ -31,7 +33,7 @@ from ...ros.service_client import ServiceClient
 from ..autonomy.run_folder import registered
 from .flight_pages import FlightPages
 from .platform import RecorderPlatform
-from .settings import RecorderShare, collector_setup, resolved, transfers
+from .settings import RecorderShare, collector_setup, resolved, transfers, wanted_parts
 
 # --- the way to the other platforms -----------------------------------------------------------------------------------
 
@@ -183,6 +185,9 @@ class RecorderCollector:
         serve("data_recorder/start", srv.StartRecording, lambda it: self._start(it.session_id, it.mission_id))
         serve("data_recorder/stop", srv.StopRecording, lambda it: self._stop(it.session_id))
         rospy.Subscriber("autonomy/state", msg.AutonomyState, self._see_engine, queue_size=10)
+        tolerated = self._share.configuration.recording.tolerated_topics
+        self._wanted = rospy.Publisher("data_recorder/wanted", String, queue_size=1, latch=True)
+        self._wanted.publish(json.dumps(wanted_parts(self._share.configuration, tolerated=tolerated)))
 
     def _start(self, session_id: str, mission_id: str) -> Answer:
         with self._share.lock:

@@ -12,6 +12,7 @@ On the collector, for the engine:
 
     data_recorder/start, data_recorder/stop    StartRecording, StopRecording: answered at once
     data_recorder/status                       RecordingStatus of all platforms, at its rate and at once on a change
+    data_recorder/wanted                       String, latched: the groups of each platform, for the others to compare
     autonomy/state                             AutonomyState: the end of a mission completes the copy of the journal
 
 The rate is `recorder_status_rate_hz` of autonomy.yaml.

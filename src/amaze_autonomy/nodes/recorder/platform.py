@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from dataclasses import replace
@@ -10,6 +11,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import rosgraph
 import rospy
+from std_msgs.msg import String
 
 from amaze_autonomy import srv
 from amaze_autonomy.recording import Answer, Command, PlatformRecorder, Status
@@ -23,6 +25,7 @@ from .processes import DiskSync, RecorderChildren, Subscriptions, recorder_progr
 from .settings import RecorderShare, platform_setup
 
 _END_LIMIT_S = 10.0
+_MOST_WANTED = 256 * 1024  # characters; what is longer is none
 
 
 class RecorderPlatform:
@@ -59,6 +62,20 @@ class RecorderPlatform:
         serve(f"{own}/stop", srv.StopRecording, lambda it: self.stop(it.session_id))
         serve(f"{own}/remove", srv.RemovePart, lambda it: self.remove(it.session_id, dict(zip(it.files, it.sha256))))
         self._share.services.append(rospy.Service(f"{own}/clock", srv.ExchangeClock, self._exchange))
+        rospy.Subscriber("data_recorder/wanted", String, self._compare, queue_size=1)
+
+    def _compare(self, message: Any) -> None:
+        """Compare this copy of the configuration with the collector's: what it lacks is said before a flight."""
+        try:
+            wanted = json.loads(message.data[:_MOST_WANTED])[self.name]
+            with self._share.lock:
+                lacks = self.machine.compare(wanted)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            rospy.logwarn("data_recorder/wanted says nothing of %s that could be compared (%r)", self.name, error)
+            return
+        if lacks:
+            advice = "copy the collector's configuration to this computer, and start its data_recorder again"
+            rospy.logwarn("%s: %s; %s", self.name, "; ".join(lacks), advice)
 
     def _exchange(self, _request: Any) -> Any:
         received_ns = self._share.stamp_ns()

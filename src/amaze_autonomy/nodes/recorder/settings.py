@@ -13,6 +13,7 @@ from amaze_autonomy.config import Configuration
 from amaze_autonomy.config.schemas.recording import Transfer
 from amaze_autonomy.paths import expanded
 from amaze_autonomy.recording import Answer, CollectorSetup, GroupSetup, PlatformSetup
+from amaze_autonomy.recording.status import Configured, configured
 from amaze_autonomy.recording.storage import reserve_bytes
 from amaze_autonomy.ros.clock import MonotonicClock, Workers
 
@@ -93,11 +94,25 @@ def collector_setup(configuration: Configuration) -> CollectorSetup:
         stop_limit_ns=recording.stop_limit_ns,
         transfer_limit_ns=max((each.transfer.limit_ns for each in others), default=0),
         keep_parts=recording.keep_parts,
-        wanted={
-            each.name: {group.name: group.configured for group in _group_setups(configuration, each.name)}
-            for each in recording.platforms
-        },
+        wanted=wanted_parts(configuration),
     )
+
+
+def wanted_parts(configuration: Configuration, *, tolerated: Sequence[str] = ()) -> Dict[str, Dict[str, Configured]]:
+    """Return the groups of each platform, as its recorders are told them.
+
+    Args:
+        configuration: as loaded.
+        tolerated: topics that are left out, as they are written there.
+    """
+    left_out = frozenset(resolved(tolerated))
+    return {
+        each.name: {
+            group.name: configured([it for it in group.topics if it not in left_out], group.match, group.exclude)
+            for group in _group_setups(configuration, each.name)
+        }
+        for each in configuration.recording.platforms
+    }
 
 
 def platform_setup(configuration: Configuration, name: str) -> PlatformSetup:
