@@ -203,6 +203,7 @@ __all__ = [
     "LIFT",
     "LIMITS",
     "LINE",
+    "MODEL",
     "MS",
     "PLANS",
     "PX4",

@@ -8,12 +8,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from flying import ARDUPILOT, MS, PX4, Recorded, S
+from flying import ARDUPILOT, LIMITS, MODEL, MS, PLANS, PX4, Recorded, S
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
+from amaze_autonomy.autopilot.planner.sequencer import Sequencer, SequencerSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
+from amaze_autonomy.missions import PlannerSpec
 
 P, A = MissionPhase, MissionAction
 EACH = pytest.mark.parametrize("kind", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
@@ -144,6 +146,52 @@ def test_nor_is_it_after_a_hold_on_the_ground(kind):
     flying.run(6 * S)
     assert "AUTO.MISSION" not in flying.since(0)
     assert flying.status.message == "home is 6.0 m above where it stands: set home here"
+
+
+@pytest.mark.parametrize("up_m, where", [(-6.0, "6.0 m below"), (6.0, "6.0 m above")])
+@pytest.mark.parametrize("held", [False, True])
+def test_nor_does_an_ardupilot_climb_by_command_from_such_a_home(up_m, where, held):
+    """The height of its takeoff counts from home as well: a climb of 1 m would end at 7 m, perhaps in a ceiling."""
+    flying = with_a_home_that_is_kept(ARDUPILOT, up_m)
+    flying.take_off("inside")
+    if held:
+        flying.until(lambda: flying.planner.watch.armed, 10 * S)
+        assert (flying.command(A.HOLD), flying.command(A.RESUME)) == ("", "")
+    flying.run(6 * S)
+    assert "takeoff" not in flying.since(0)
+    assert flying.craft.height_m == 0.0
+    assert flying.status.message == f"home is {where} where it stands: set home here"
+
+
+def test_an_ardupilot_without_any_height_above_home_climbs_from_where_it_stands():
+    """It has no home then, and takes the height where it arms for it."""
+    flying = Recorded(kind=ARDUPILOT)
+    flying.channel._wanted -= {"GLOBAL_POSITION_INT"}
+    flying.planner.watch.place_ns = 0
+    flying.take_off("inside")
+    flying.until_phase(P.FLYING, limit_ns=15 * S)
+
+
+@pytest.mark.parametrize("drift_m", [2.0, -3.0])
+def test_heights_count_from_where_an_ardupilot_stands_once_it_is_armed(drift_m):
+    """Without a home it sets its height to 0 as it arms: set-points by the height before would lead into the ground."""
+    flying = Recorded(kind=ARDUPILOT)
+    said = flying.vehicle.wake
+
+    def wake(t_ns):
+        messages = said(t_ns)
+        for message in messages:
+            if message.get_type() == "LOCAL_POSITION_NED" and not flying.planner.watch.armed:
+                message.z -= drift_m
+        return messages
+
+    flying.vehicle.wake = wake
+    flying.run(2 * S)
+    flying.take_off("inside")
+    flying.until_phase(P.FLYING, limit_ns=20 * S)
+    heights = []
+    flying.until(lambda: heights.append(flying.craft.height_m) or flying.phase is not P.FLYING)
+    assert (min(heights) > 0.9, max(heights) < 3.2, flying.status.waypoint) == (True, True, 3)
 
 
 def with_a_home_that_is_kept(kind, up_m):
@@ -477,3 +525,25 @@ def test_a_first_item_that_somebody_set_is_set_back_before_the_takeoff():
     assert flying.command(A.TAKEOFF) == ""
     flying.until_phase(P.LANDED)
     assert (flying.status.waypoint, flying.craft.happened.count("waypoint")) == (3, 3)
+
+
+@EACH
+@pytest.mark.parametrize("action", [A.LAND, A.ABORT])
+def test_a_planner_that_begins_in_flight_tells_nobody_to_land_before_it_knows_whom(kind, action):
+    """The number of PX4's landing mode is that of GUIDED on an ArduPilot, and the target 0 are all vehicles."""
+    flying = Recorded(kind=kind)
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    beats = flying.planner.watch.heartbeat_ns
+    flying.until(lambda: flying.planner.watch.heartbeat_ns != beats)
+    anew = Sequencer(SequencerSettings(PLANS, PlannerSpec(), MODEL, LIMITS))
+    flying.channel.client = flying.planner = anew
+    flying.until(lambda: anew.watch.pose is not None, 2 * S)
+    assert anew.watch.heartbeat_ns is None
+    begun_ns = flying.t_ns
+    assert flying.command(action) == ""
+    modes = set()
+    flying.until(lambda: modes.add(flying.craft.mode) or not flying.craft.armed, 40 * S)
+    assert modes <= {"AUTO.MISSION", "AUTO.LAND"}
+    assert {each.target_system for at_ns, each in flying.commands if at_ns >= begun_ns} == {1}
+    assert (flying.craft.height_m, flying.craft.armed) == (0.0, False)

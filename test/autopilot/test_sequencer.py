@@ -176,6 +176,28 @@ def test_waypoints_ahead_and_left_are_flown_from_each_takeoff_as_it_heads_there(
 
 
 @pytest.mark.parametrize("controller", list(Controller))
+@pytest.mark.parametrize("turned_deg, taken", [(10.0, True), (-90.0, False), (170.0, False)])
+def test_a_vehicle_that_was_turned_since_the_load_flies_no_other_way_than_ahead(controller, turned_deg, taken):
+    flying = Flying(plans=(plan("ahead", (AHEAD,), controller),))
+    flying.craft.yaw_rad = math.radians(175.0)
+    flying.run(S)
+    assert flying.load("ahead").accepted
+    flying.craft.yaw_rad += math.radians(turned_deg)
+    flying.run(S)
+    refused = f"load it again: it was turned by {abs(turned_deg):.0f} degrees since"
+    assert flying.command(A.TAKEOFF) == ("" if taken else refused)
+
+
+@pytest.mark.parametrize("controller", list(Controller))
+def test_without_a_fresh_heading_what_is_ahead_is_not_taken_off_with(controller):
+    flying = Flying(plans=(plan("ahead", (AHEAD,), controller),))
+    assert flying.load("ahead").accepted
+    flying.channel._wanted -= {"ATTITUDE"}
+    flying.run(4 * S)
+    assert flying.command(A.TAKEOFF) == "there is no fresh heading, and the waypoints count from it"
+
+
+@pytest.mark.parametrize("controller", list(Controller))
 def test_without_a_fresh_heading_waypoints_that_count_from_it_are_not_loaded(controller):
     flying = Flying(plans=(plan("ahead", (AHEAD,), controller), plan("line", (LINE,), controller)))
     flying.planner.watch.yaw_ns -= 60 * S

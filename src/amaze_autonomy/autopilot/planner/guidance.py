@@ -72,8 +72,8 @@ class Guidance:
         target: Tuple[int, int],
     ) -> None:
         self.origin, self._target = (origin[0], origin[1], pose.position_m[2]), target  # as a mission's: above home
+        self._over_the_ground_m = climb.over_m
         self._model, self._spec = model, spec
-        self._over_m = self.origin[2] + climb.over_m
         start = Waypoint(pose.position_m[0] - origin[0], pose.position_m[1] - origin[1], climb.goal_m, 0.0, 0.0)
         self._yaw = waypoints[0].yaw_rad if yaw_rad is None else yaw_rad
         self._goals = (_with_yaw(start, self._yaw), *waypoints)
@@ -112,6 +112,11 @@ class Guidance:
     def still(self) -> bool:
         """True once it stands still because it was told to."""
         return self._stay is not None
+
+    def stands_at(self, pose: Pose) -> None:
+        """Take the height at which it stands before it lifts off: heights count from there."""
+        self.origin = (*self.origin[:2], pose.position_m[2])
+        self._at = (*self._at[:2], pose.position_m[2])
 
     def stand(self) -> None:
         """Stop, and stay there."""
@@ -219,7 +224,7 @@ class Guidance:
         if self._leave_ns is None:
             turned = yaw_rad is None or abs(_angle(waypoint.yaw_rad - yaw_rad)) <= self._spec.heading_tolerance_rad
             near = math.dist(pose.position_m, goal) <= self._spec.acceptance_radius_m
-            near = near and (not self.climbing or pose.position_m[2] >= self._over_m)
+            near = near and (not self.climbing or pose.position_m[2] >= self.origin[2] + self._over_the_ground_m)
             if not (near and turned and math.dist(self._at, goal) <= _THERE_M):
                 return
             self._leave_ns = t_ns + round(waypoint.hold_s * _S)

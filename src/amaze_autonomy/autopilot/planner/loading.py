@@ -23,6 +23,7 @@ BEGINS_ANEW = f"{RESTART} of the ArduPilot is 1: a mission that is held would be
 """Why no mission is flown by such an autopilot."""
 NO_POSE = "there is no fresh local position"
 """Why no file is flown by set-points."""
+_NO_HEADING = "there is no fresh heading, and the waypoints count from it"
 _NO_PLACE = "there is no fresh and valid position on the earth"
 _NO_ORIGIN = "the place of the session's first takeoff is not known"
 _STARTED_AGAIN = "the autopilot was started again"
@@ -179,7 +180,19 @@ class Loading:
         It was checked for a vehicle that stood disarmed where it was loaded.
         """
         watch, spec = self._readiness.watch, self._readiness.spec
-        return not_down(watch, t_ns, spec.vehicle_age_limit_ns) or self._carried(t_ns)
+        return not_down(watch, t_ns, spec.vehicle_age_limit_ns) or self._carried(t_ns) or self._turned(t_ns)
+
+    def _turned(self, t_ns: int) -> str:
+        if self._plan is None or self._plan.frame is not Frame.START_HEADING:
+            return ""
+        spec = self._readiness.spec
+        heading_rad = self._readiness.watch.heading(t_ns, spec.vehicle_age_limit_ns)
+        if heading_rad is None:
+            return _NO_HEADING
+        turned_rad = abs(math.remainder(heading_rad - self._heading_rad, math.tau))
+        if turned_rad <= spec.heading_tolerance_rad:
+            return ""
+        return f"load it again: it was turned by {math.degrees(turned_rad):.0f} degrees since"
 
     def _carried(self, t_ns: int) -> str:
         watch, spec = self._readiness.watch, self._readiness.spec
@@ -293,7 +306,7 @@ class Loading:
             return ""
         heading = self._readiness.watch.heading(t_ns, self._readiness.spec.vehicle_age_limit_ns)
         self._heading_rad = heading or 0.0
-        return "" if heading is not None else "there is no fresh heading, and the waypoints count from it"
+        return "" if heading is not None else _NO_HEADING
 
     def _begins(self) -> bool:
         """Return whether waypoints are measured from this takeoff: the session's first, or each."""

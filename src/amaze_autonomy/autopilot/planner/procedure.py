@@ -153,6 +153,10 @@ def _is_home(means: Means, _: int) -> bool:
     return on_ground and above_m is not None and abs(above_m) <= _HOME_TOLERANCE_M
 
 
+def _is_off(means: Means) -> bool:
+    return means.lifted or means.watch.landed in AIRBORNE
+
+
 def _why_not_home(means: Means) -> str:
     above_m = _above_home_m(means)
     if above_m is None:
@@ -193,8 +197,12 @@ _PREPARE = Step(
 #: (ArduPilot) it: so it is looked at armed, and what it was before may still be told for a moment.
 _HOME = Step("home where it stands", _is_home, lambda _: None, always=False, why=_why_not_home)
 #: a hold before lift-off ends the takeoff, and may be resumed
-_HOME_ON_GROUND = _HOME._replace(
-    done=lambda means, t_ns: means.lifted or means.watch.landed in AIRBORNE or _is_home(means, t_ns)
+_HOME_ON_GROUND = _HOME._replace(done=lambda means, t_ns: _is_off(means) or _is_home(means, t_ns))
+#: so does the height of ArduPilot's takeoff by command; one that never tells a height above home has no home, and
+#: counts from where it arms
+_HOME_OF_LIFT = _HOME._replace(
+    done=lambda means, t_ns: _is_off(means) or not means.watch.place_ns or _is_home(means, t_ns),
+    only=Dialect.ARDUPILOT,
 )
 #: ArduPilot in AUTO stays on the ground until it is told to begin, and in GUIDED until it is told to take off
 _BEGIN = Step(
@@ -262,9 +270,14 @@ _STEPS: Mapping[_Key, Tuple[Step, ...]] = {
     (Controller.MISSION, MissionAction.RESUME): (_UNCHANGED, _HOME_ON_GROUND, _ITEM, _TURN, _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.LAND): (_LANDING,),
     (Controller.MISSION, MissionAction.ABORT): (_DISARMING,),  # on the ground; airborne it is LAND
-    (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _ARMING, _LIFT),
+    (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _ARMING, _HOME_OF_LIFT, _LIFT),
     (Controller.OFFBOARD, MissionAction.HOLD): (_STREAM, _enter(OFFBOARD), _STILL),
-    (Controller.OFFBOARD, MissionAction.RESUME): (_STREAM, _enter(OFFBOARD), _LIFT),  # a takeoff that was held
+    (Controller.OFFBOARD, MissionAction.RESUME): (
+        _STREAM,
+        _enter(OFFBOARD),
+        _HOME_OF_LIFT,
+        _LIFT,
+    ),  # a takeoff that was held
     (Controller.OFFBOARD, MissionAction.LAND): (_LANDING,),
     (Controller.OFFBOARD, MissionAction.ABORT): (_DISARMING,),
 }
@@ -483,7 +496,8 @@ class Procedure:
             self.progress = Progress.FAILED
 
     def _send(self, t_ns: int) -> List[Message]:
-        if t_ns - self._sent_ns < self._spec.command_retry_ns:
+        """Send it, to nobody before the first heartbeat: numbers of flight modes are each autopilot's own."""
+        if self._means.watch.heartbeat_ns is None or t_ns - self._sent_ns < self._spec.command_retry_ns:
             return []
         step = self._steps[self._number]
         message = step.message(self._means)

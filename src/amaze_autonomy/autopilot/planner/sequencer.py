@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Callable, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.events import MissionPhase, MissionStatus
+from amaze_autonomy.engine.events import MissionPhase, MissionStatus, VehicleLanded
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
 
@@ -27,7 +27,7 @@ from ..vehicle.modes import LAND, LANDING_MODES
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness, climb_of, frame_begun_anew
-from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase, beginning
+from .mission_upload import UPLOAD_MESSAGES, Dialect, MissionUpload, UploadPhase, beginning
 from .mission_vehicle import OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
 from .own_landing import ENDS, OwnLanding, Questions
 from .procedure import Means, Procedure, Progress, Standing, refusal, steps_of
@@ -656,6 +656,9 @@ class Sequencer:
     def _stream(self, t_ns: int) -> List[Message]:
         """Return the next set-point, as long as there is a flight by set-points that nobody else has taken over."""
         guidance = self._flight.guidance
+        pose = self._pose(t_ns)
+        if guidance is not None and pose is not None and self._may_begin_anew():
+            guidance.stands_at(pose)
         if self._flight.airborne and self.watch.off_setpoints and not self._wants_offboard():
             self._means.stream_ns = None  # for good: whoever chooses OFFBOARD now was not asked to by the engine
         if (
@@ -668,13 +671,19 @@ class Sequencer:
             return []
         self._setpoint_ns = t_ns
         guidance.flying = bool(self.watch.armed) and self.watch.mode == OFFBOARD and not self._flight.down
-        sent = [guidance.step(t_ns, self._pose(t_ns), self.watch.heading(t_ns, self._spec.vehicle_age_limit_ns))]
+        sent = [guidance.step(t_ns, pose, self.watch.heading(t_ns, self._spec.vehicle_age_limit_ns))]
         self._means.still = guidance.still
         blind = guidance.blind_ns(t_ns) > _BLIND_PAUSES * self._spec.pose_age_limit_ns
         blind = blind and t_ns >= self._attention.awake_ns
         if guidance.flying and (guidance.finished or blind) and not self._lands():
             self._unasked.want(t_ns, "the local position stays away" if blind else _FLOWN)
         return sent
+
+    def _may_begin_anew(self) -> bool:
+        """Return whether the height may still do so: an ArduPilot without a home sets it to 0 as it arms."""
+        watch = self.watch
+        waits = watch.armed and watch.landed is VehicleLanded.ON_GROUND and not self._flight.airborne
+        return bool(waits) and watch.dialect is Dialect.ARDUPILOT
 
     def _wants_offboard(self) -> bool:
         procedure = self._procedure

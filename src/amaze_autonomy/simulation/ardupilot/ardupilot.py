@@ -252,7 +252,10 @@ def _take_off(vehicle: Any, _t_ns: int, order: Order) -> int:
     craft = vehicle.craft
     if craft.mode != GUIDED or not craft.armed or craft.airborne or not math.isfinite(order.params[6]):
         return _FAILED
-    craft.climb_to(order.params[6])
+    up_m = order.params[6] + craft.home.altitude_m - craft.geography.origin.altitude_m
+    if up_m <= craft.position_m[2]:  # it takes off upwards
+        return _FAILED
+    craft.climb_to(up_m)
     return _OK
 
 
