@@ -403,6 +403,9 @@ class Flight:
     def _do_upload(self, up_m: float) -> None:
         self._station.upload(up_m)
 
+    def _do_home(self, up_m: float) -> None:
+        self._station.set_home(up_m)
+
     def _do_parameter(self, **values: Mapping[str, float]) -> None:
         given = values.get(self._kind.name, {})
         for name, value in given.items():

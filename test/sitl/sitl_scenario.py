@@ -38,6 +38,7 @@ _ARGUMENTS: Mapping[str, Tuple[Tuple[str, type], ...]] = {
     "mode": (("mode", str),),
     "parameter": (("px4", dict), ("ardupilot", dict)),
     "upload": (("up_m", float),),
+    "home": (("up_m", float),),
     "kill": (("node", str),),
     "kill_engine": (("down_s", float),),
     "restart_autopilot": (("down_s", float),),

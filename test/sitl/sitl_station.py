@@ -120,6 +120,15 @@ class Station:
         ]
         self._say(mavlink.MAVLink_mission_count_message(1, 1, len(self._mission)))
 
+    def set_home(self, up_m: float) -> None:
+        """Set home where it is, but for its height."""
+        home, frame = self.heard["HOME_POSITION"], mavlink.MAV_FRAME_GLOBAL
+        place = (home.latitude, home.longitude, home.altitude / 1e3 + up_m)
+        message = mavlink.MAVLink_command_int_message(
+            1, 1, frame, mavlink.MAV_CMD_DO_SET_HOME, 0, 0, 0.0, 0.0, 0.0, 0.0, *place
+        )
+        self._say(message)
+
     def give_key(self, key: bytes, unix_ns: int) -> None:
         """Have the autopilot sign, and believe nothing else, from now on; so does the station."""
         stamp = time_stamp(unix_ns)
