@@ -44,7 +44,7 @@ from amaze_autonomy.nodes.recorder.processes import DiskSync, Subscriptions
 from amaze_autonomy.nodes.recorder.settings import RecorderShare, collector_setup, platform_setup, recordings_folder
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording import PlatformRecorder, PlatformSetup
-from amaze_autonomy.recording.status import PlatformStatus, ProcessStatus, Status
+from amaze_autonomy.recording.status import Answer, Ask, PlatformStatus, ProcessStatus, Status
 from amaze_autonomy.recording.status import Transfer as Transfers
 from amaze_autonomy.ros.errors import StartError
 
@@ -333,23 +333,58 @@ def test_a_disk_that_takes_nothing_is_said_and_tried_again(tmp_path, monkeypatch
     assert (disk.problem, disk.count) == ("", 1)
 
 
+def complete(session, name, *entries, ok=True):
+    """Leave a complete recording with its manifest: verified or not, of these files."""
+    session.mkdir(exist_ok=True)
+    (session / f"{name}.bag").write_bytes(b"all of it")
+    output = {"file": f"{name}.bag", "bytes": 9, "sha256": hashlib.sha256(b"all of it").hexdigest()}
+    inputs = [{"file": file, "sha256": sha256} for file, sha256 in entries]
+    manifest = {"verified": {"ok": ok}, "output": output, "inputs": inputs}
+    (session / f"{name}.manifest.json").write_text(json.dumps(manifest))
+
+
 def test_what_may_be_removed_of_a_platform_is_what_the_verified_manifest_has_of_it(tmp_path):
-    configuration = load_configuration(config_folder())
-    collection, session = Collection(configuration, {}), tmp_path / "s1_m"
-    session.mkdir()
-    entries = [{"file": "main/a.bag", "sha256": "1"}, {"file": "second/b.bag", "sha256": "2"}]
-    entries.append({"file": "../elsewhere/c.bag", "sha256": "3"})
+    collection, session = Collection(load_configuration(config_folder()), {}), tmp_path / "s1_m"
+    entries = [("main/a.bag", "1"), ("second/b.bag", "2"), ("../elsewhere/c.bag", "3")]
     for ok, expected in ((False, [{}, {}, {}]), (True, [{"a.bag": "1"}, {"b.bag": "2"}, {"c.bag": "3"}])):
-        manifest = {"verified": {"ok": ok}, "inputs": entries}
-        (session / "s1_m.manifest.json").write_text(json.dumps(manifest))
+        complete(session, "s1_m", *entries, ok=ok)
         folders = (session / "main", session / "second", tmp_path / "elsewhere")
         assert [collection.verified(session, {"folder": str(each)}) for each in folders] == expected
-    more = {"verified": {"ok": True}, "inputs": [{"file": "main/d.bag", "sha256": "4"}]}
-    (session / "s1_m-2.manifest.json").write_text(json.dumps(more))
+    complete(session, "s1_m-2", ("main/d.bag", "4"))
     assert collection.verified(session, {"folder": str(session / "main")}) == {"a.bag": "1", "d.bag": "4"}
     (session / "s1_m-2.manifest.json").unlink()
     (session / "s1_m.manifest.json").unlink()
     assert collection.verified(session, {"folder": str(session / "main")}) == {}
+
+
+@pytest.mark.parametrize("now", [None, b"", b"all of i", b"all of IT"], ids=["gone", "empty", "cut", "changed"])
+def test_nothing_may_be_removed_whose_verified_recording_is_not_there_as_it_was_verified(tmp_path, caplog, now):
+    """Its manifest stays where somebody moves it to another disk, and where a disk loses it."""
+    collection, session = Collection(load_configuration(config_folder()), {}), tmp_path / "s1_m"
+    complete(session, "s1_m", ("main/a.bag", "1"), ("main/b.bag", "2"))
+    complete(session, "s1_m-2", ("main/b.bag", "2"))
+    output = session / "s1_m.bag"
+    output.unlink() if now is None else output.write_bytes(now)
+    assert collection.verified(session, {"folder": str(session / "main")}) == {"b.bag": "2"}
+    assert f"{output} is not there as it was verified: the parts that it was made of stay" in caplog.text
+
+
+def test_the_complete_recording_is_read_before_a_removal_by_nobody_who_would_keep_others_waiting(tmp_path):
+    jobs, asked = [], []
+    configuration = load_configuration(config_folder())
+    share = RecorderShare(configuration, tmp_path, lambda: 0, workers=SimpleNamespace(submit=jobs.append))
+    own = SimpleNamespace(name="main", remove=lambda *what: asked.append(what) or Answer(accepted=True))
+    collector = RecorderCollector(share, own)
+    machine = collector.machine
+    machine.session_id, machine.mission_id = "s1", "m"
+    machine.views["main"].part = PlatformStatus("main", location=str(tmp_path / "s1_m" / "main"))
+    complete(tmp_path / "s1_m", "s1_m", ("main/a.bag", "1"))
+    machine.views["main"].asking = True
+    collector.commands[Ask](Ask("main", "remove"))
+    assert (asked, machine.views["main"].asking) == ([], True)
+    (job,) = jobs
+    job()
+    assert (asked, machine.views["main"].asking) == ([("s1", {"a.bag": "1"})], False)
 
 
 @pytest.fixture

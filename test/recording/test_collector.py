@@ -293,6 +293,23 @@ def test_parts_are_removed_after_the_verified_end_only_and_only_when_configured(
     assert [each for each in fleet.asked(Ask) if each.verb == "remove"] == removed
 
 
+@pytest.mark.parametrize(
+    "begun, now, removed",
+    [(True, False, []), (False, True, []), (None, False, []), (False, False, ["main", "second"])],
+)
+def test_parts_are_removed_only_where_that_was_configured_when_they_were_begun_and_is_now(begun, now, removed):
+    """Who wants no parts of the next flight has not said that those of the last one may go."""
+    fleet = merging(keep_parts=begun is not False)
+    fleet.collector.job_ended(fleet.now_ns, "", SUMMARY)
+    memory = json.loads(json.dumps(fleet.collector.memory()))
+    if begun is None:  # an earlier version did not write it down
+        del memory["keep_parts"]
+    later = Fleet(keep_parts=now)
+    later.collector.remember(0, memory)
+    later.go_on(1.0)
+    assert [each.platform for each in later.asked(Ask)] == removed
+
+
 def test_a_platform_that_fails_to_close_is_named_and_asked_again_on_a_retry():
     fleet = recording()
     fleet.answer = lambda command: (

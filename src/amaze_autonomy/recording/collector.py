@@ -257,6 +257,7 @@ class Collector:
         self.stopped_ns: Optional[int] = None
         self.flights: Optional[List[List[Optional[int]]]] = None  # from takeoff to landing; None: nobody said
         self.wanted = setup.wanted  # when the session began: who collects it later may have another configuration
+        self.keep_parts = setup.keep_parts  # likewise
         self._engine_ns: Optional[int] = None
         self._engine: Optional[Tuple[int, str, bool]] = None  # its last status: when it came, session, in flight
 
@@ -277,7 +278,7 @@ class Collector:
             self.views = {name: view.fresh() for name, view in self.views.items()}
             self.location, self._copied, self._summary = "", False, {}
             self.flights = self._engine_ns = None
-            self._begun, self.wanted = 0, self.setup.wanted
+            self._begun, self.wanted, self.keep_parts = 0, self.setup.wanted, self.setup.keep_parts
         self._begun += 1
         self.session_id, self.mission_id, self.stopped_ns = session_id, mission_id, None
         self._uncollected = False
@@ -560,8 +561,8 @@ class Collector:
         return commands
 
     def _end(self, t_ns: int) -> List[Command]:
-        """Have parts removed that are in the verified recording, if that is wanted."""
-        if self.setup.keep_parts or not self._summary.get("verified"):
+        """Have parts removed that are in the verified recording, if that was wanted at their beginning and is now."""
+        if self.keep_parts or self.setup.keep_parts or not self._summary.get("verified"):
             return []
         return [
             self._ask(view, "remove", t_ns)
@@ -662,6 +663,7 @@ class Collector:
             "stopped_ns": self.stopped_ns,
             "flights": None if self.flights is None else [list(each) for each in self.flights],
             "wanted": {name: dict(groups) for name, groups in self.wanted.items()},
+            "keep_parts": self.keep_parts,
             "platforms": {view.name: view.memory() for view in self.views.values()},
         }
 
@@ -685,6 +687,7 @@ class Collector:
         self._summary, self.stopped_ns = dict(memory["summary"]), memory.get("stopped_ns")
         self.flights = memory.get("flights")
         self.wanted = {str(name): dict(groups) for name, groups in memory.get("wanted", self.setup.wanted).items()}
+        self.keep_parts = bool(memory.get("keep_parts", True))
 
 
 _TURNS: Mapping[Phase, Callable[[Collector, int], List[Command]]] = {

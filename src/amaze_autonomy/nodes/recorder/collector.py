@@ -25,7 +25,7 @@ from amaze_autonomy.recording import Answer, Collector, Command, PlatformStatus,
 from amaze_autonomy.recording import status as asked
 from amaze_autonomy.recording.collector import Exchange, Offset, best, correction_ns
 from amaze_autonomy.recording.programs import misplaced
-from amaze_autonomy.recording.storage import read_json, remove_part, session_name, write_json
+from amaze_autonomy.recording.storage import is_as_listed, read_json, remove_part, session_name, write_json
 
 from ...ros.errors import CallError
 from ...ros.interface import ros_time
@@ -246,15 +246,22 @@ class RecorderCollector:
     def _ask(self, command: asked.Ask) -> None:
         machine = self.machine
         session, mission = command.session_id or machine.session_id, machine.mission_id
-        if command.platform == self._own.name:
-            own: Dict[str, Callable[[], Answer]] = {
-                "start": lambda: self._own.start(session, mission),
-                "stop": lambda: self._own.stop(session),
-                "remove": lambda: self._own.remove(session, self._verified(self._own.name)),
-            }
-            machine.answered(self._own.name, command.verb, session, own[command.verb]())
-            return
-        self._share.workers.submit(lambda: self._ask_other(machine, command, session, mission))
+        own = command.platform == self._own.name
+        ask = self._ask_own if own else self._ask_other
+        if own and command.verb != "remove":
+            ask(machine, command, session, mission)
+        else:  # these wait: for the other one, and before a removal until the whole recording is read
+            self._share.workers.submit(lambda: ask(machine, command, session, mission))
+
+    def _ask_own(self, machine: Collector, command: asked.Ask, session: str, mission: str) -> None:
+        verbs: Dict[str, Callable[[], Answer]] = {
+            "start": lambda: self._own.start(session, mission),
+            "stop": lambda: self._own.stop(session),
+            "remove": lambda: self._own.remove(session, self._verified(self._own.name)),
+        }
+        answer = verbs[command.verb]()
+        with self._share.lock:
+            machine.answered(self._own.name, command.verb, session, answer)
 
     def _ask_other(self, machine: Collector, command: asked.Ask, session: str, mission: str) -> None:
         share, more = self._share, {}  # type: RecorderShare, Dict[str, Any]
@@ -400,13 +407,21 @@ class Collection:
         }
 
     def verified(self, folder: Path, source: Mapping[str, Any]) -> Dict[str, str]:
-        """Return names and checksums of a source's files, as the manifests of verified recordings have them."""
+        """Return names and checksums of a source's files, as the manifests of verified recordings have them.
+
+        Each of these recordings is read: where it is not there as it was verified, a part may be the last copy.
+        """
         there, found = Path(source["folder"]).resolve(), {}  # type: Path, Dict[str, str]
         for path in sorted(folder.glob(f"{glob.escape(folder.name)}*.manifest.json")):
             manifest = read_json(path) or {}
-            if (manifest.get("verified") or {}).get("ok"):
-                inputs = {(folder / each["file"]).resolve(): str(each["sha256"]) for each in manifest["inputs"]}
-                found.update({each.name: sha256 for each, sha256 in inputs.items() if each.parent == there})
+            if not (manifest.get("verified") or {}).get("ok"):
+                continue
+            output = folder / str(manifest["output"]["file"])
+            if not is_as_listed(output, manifest["output"]):
+                rospy.logwarn("%s is not there as it was verified: the parts that it was made of stay", output)
+                continue
+            inputs = {(folder / each["file"]).resolve(): str(each["sha256"]) for each in manifest["inputs"]}
+            found.update({each.name: sha256 for each, sha256 in inputs.items() if each.parent == there})
         return found
 
     def source(self, folder: Path, collector: Collector, name: str) -> Dict[str, Any]:
