@@ -80,6 +80,19 @@ def test_who_verifies_it_with_the_parts_that_are_left_gives_no_leave_to_write_ov
     assert digest(output) == first
 
 
+@pytest.mark.parametrize("ok", [True, False])
+def test_a_verified_recording_is_written_over_only_by_one_that_has_all_that_it_was_made_of(tmp_path, ok):
+    """A platform, or a file, is there and named no more; what failed its verification has to give way."""
+    session = two_platforms(tmp_path)
+    collect(plan(session))
+    before, path = digest(session / "s1_m.bag"), session / "s1_m.manifest.json"
+    path.write_text(json.dumps({**manifest(session), "verified": {"ok": ok, "problems": [], "readers": {}}}))
+    summary = collect(Plan(session / "s1_m.bag", plan(session).sources[:1]))
+    assert summary.messages == 600
+    assert summary.beside == (("s1_m.bag",) if ok else ())
+    assert (digest(session / "s1_m.bag") == before) == ok
+
+
 def test_a_manifest_that_cannot_be_read_is_no_leave_to_write_over_its_recording(tmp_path):
     session = two_platforms(tmp_path)
     collect(plan(session))

@@ -1,6 +1,7 @@
 """A file that is damaged is a loss that is told, and no reason to do without all others; nothing of it is removed."""
 
 import json
+import os
 import shutil
 
 import pytest
@@ -468,6 +469,90 @@ def test_where_it_is_not_written_down_what_was_lost_it_is_recovered_again(tmp_pa
     first.path.write_bytes(b"an old one")
     assert whole_bags(tmp_path / "main", content, tmp_path / "here") == [first]
     assert len(contents(first.path)) == 99
+
+
+# --- what was recovered is all that there is of a file that is gone, or was cut ---------------------------------------
+
+
+def without_index(folder):
+    """Leave a bag the end of whose index a power cut took, behind a good one."""
+    folder.mkdir(parents=True)
+    bag(folder / "states-01.bag", rows("/a", 300))
+    path = bag(folder / "states-02.bag", rows("/a", 300, first_ms=3000))
+    path.write_bytes(path.read_bytes()[:-30] + bytes(30))
+    return path
+
+
+def cut(path):
+    os.truncate(path, path.stat().st_size // 3)
+
+
+GOES_BAD = {"gone": os.unlink, "empty": lambda path: os.truncate(path, 0), "cut": cut}
+
+
+@pytest.mark.parametrize("anew", [True, False])
+@pytest.mark.parametrize("goes_bad", GOES_BAD)
+def test_a_recovered_bag_stays_listed_and_merged_whatever_becomes_of_its_original(tmp_path, goes_bad, anew):
+    folder = tmp_path / "s1_m" / "main"
+    path = without_index(folder)
+    first = close_parts(folder, FACTS)
+    assert files_of(first)[1:] == [("states-02.recovered.bag", False, 0)]
+    plan_of_one = Plan(tmp_path / "s1_m" / "s1_m.bag", (Source("main", folder),))
+    made = collect(plan_of_one)
+    GOES_BAD[goes_bad](path)
+    for _ in range(2):
+        assert close_parts(folder, {**FACTS, "anew": anew}) == first
+        assert collect(plan_of_one) == made
+    assert made.messages == 600
+    assert not list(folder.glob(".*")), "nothing was made anew"
+
+
+def test_so_does_one_that_could_not_be_closed_where_it_lies_and_could_be_now(tmp_path, monkeypatch):
+    path = killed(tmp_path, "states-01.bag.active", rows("/a", 100))
+    with monkeypatch.context() as patched:
+        patched.setattr("amaze_autonomy.bags.recover.recover._MOST", 10)
+        first = close_parts(tmp_path, FACTS)
+    cut(path)
+    size = path.stat().st_size
+    assert close_parts(tmp_path, FACTS) == first
+    assert (files_of(first), path.stat().st_size) == ([("states-01.recovered.bag", False, 0)], size)
+
+
+def test_a_file_in_which_more_is_found_now_is_recovered_again_and_nothing_of_before_is_removed(tmp_path):
+    """It was copied back from another disk, whole."""
+    folder = tmp_path / "main"
+    path = without_index(folder)
+    raw = path.read_bytes()
+    cut(path)
+    few = close_parts(folder, FACTS)["files"][1]
+    path.write_bytes(raw)
+    (again,) = close_parts(folder, FACTS)["files"][1:]
+    assert (again["file"], few["messages"] < again["messages"]) == (few["file"], True)
+    assert again["messages"] == 300
+    assert digest(folder / ".states-02.recovered.bag.bad") == few["sha256"]
+
+
+def test_a_recovered_bag_that_is_damaged_when_its_original_is_gone_is_recovered_itself(tmp_path):
+    folder = tmp_path / "main"
+    path = without_index(folder)
+    close_parts(folder, FACTS)
+    path.unlink()
+    recovered = folder / "states-02.recovered.bag"
+    recovered.write_bytes(recovered.read_bytes()[:-30] + bytes(30))
+    for _ in range(2):
+        (_, entry) = close_parts(folder, {**FACTS, "anew": True})["files"]
+        assert (entry["file"], entry["messages"]) == ("states-02.recovered.recovered.bag", 300)
+        assert entry["recovered_from"] == "states-02.recovered.bag"
+
+
+@pytest.mark.parametrize("note", ["{}", '{"file": "states-03.bag", "lost": 0}', '{"file": "../other/states-02.bag"}'])
+def test_of_a_recovered_bag_without_a_note_of_its_own_nobody_knows_what_it_is(tmp_path, note):
+    folder = tmp_path / "main"
+    path = without_index(folder)
+    close_parts(folder, FACTS)
+    path.unlink()
+    (folder / "states-02.recovered.json").write_text(note)
+    assert files_of(close_parts(folder, FACTS)) == [("states-01.bag", False, 0)]
 
 
 # --- a damaged chunk tells nothing of its numbers ---------------------------------------------------------------------

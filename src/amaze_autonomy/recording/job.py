@@ -38,6 +38,7 @@ from .collector import Offset, clock_step_ns
 from .errors import RecordingError
 from .losses import EDGE_NS, Loss, Wanted, losses, not_configured
 from .parts import Part, check_arrived, close_parts, recover_damaged, whole_bags
+from .storage import recording_of
 
 # --- one verified recording -------------------------------------------------------------------------------------------
 
@@ -137,7 +138,7 @@ def _recovered(plan: Plan, bag: Path, report: Optional[Report]) -> bool:
 def _collected(plan: Plan, report: Optional[Report]) -> Summary:
     """Make the complete recording of what there is, or find that it is there."""
     inputs = _inputs(plan)
-    output, beside = _output(plan.output)
+    output, beside = _output(plan.output, inputs.paths)
     plan = plan._replace(output=output, facts={**plan.facts, **inputs.facts, "beside": list(beside)})
     manifest = _made(plan, inputs, report)
     return _summary(plan, manifest, inputs.lost)._replace(beside=beside)
@@ -153,30 +154,40 @@ def _made(plan: Plan, inputs: _Inputs, report: Optional[Report]) -> Dict[str, An
     return _verified(plan, inputs, _merged(plan, inputs, report), report)
 
 
-def _output(path: Path) -> Tuple[Path, Tuple[str, ...]]:
-    """Return where the recording is to lie, and the names of those that stay beside it.
+def _output(path: Path, inputs: Sequence[Path]) -> Tuple[Path, Tuple[str, ...]]:
+    """Return where the recording of some bags is to lie, and the names of those that stay beside it.
 
     One that is there is written over only where all that it was made of is still here: parts that were removed after
-    they were verified (`keep_parts: false`) are nowhere else.
+    they were verified (`keep_parts: false`) are nowhere else. One that was verified has to be in the new one, too.
     """
     beside: List[str] = []
     output = path
-    while output.exists() and not _can_be_made_again(output):
+    while output.exists() and not _can_be_made_again(output, inputs):
         beside.append(output.name)
         output = path.with_name(f"{path.stem}-{len(beside) + 1}{path.suffix}")
     return output, tuple(beside)
 
 
-def _can_be_made_again(output: Path) -> bool:
-    """Return whether all parts of a recording are here; one without a manifest was not finished, so they are."""
+def _can_be_made_again(output: Path, inputs: Sequence[Path]) -> bool:
+    """Return whether all parts of a recording are here, and among some bags, themselves or what was recovered of them.
+
+    One without a manifest was not finished, so they are; of one that was not verified they need not be among them.
+    """
     if not manifest_path(output).exists():
         return True
     try:
-        inputs = read_manifest(manifest_path(output))["inputs"]
-        there = [(output.parent / str(each["file"]), each["bytes"]) for each in inputs]
-    except (BagError, KeyError, TypeError):
+        manifest = read_manifest(manifest_path(output))
+        there = [(output.parent / str(each["file"]), each["bytes"]) for each in manifest["inputs"]]
+        verified = bool((manifest["verified"] or {}).get("ok"))
+    except (BagError, KeyError, TypeError, AttributeError):
         return False
-    return all(path.is_file() and path.stat().st_size == size for path, size in there)
+    here = all(path.is_file() and path.stat().st_size == size for path, size in there)
+    return here and not (verified and {_recording(path) for path, _ in there} - set(map(_recording, inputs)))
+
+
+def _recording(bag: Path) -> Tuple[str, str]:
+    """Return the platform of a bag and what its recorder wrote: what is recovered from it may lie in another folder."""
+    return bag.resolve().parent.name, recording_of(bag.name)
 
 
 class _Inputs(NamedTuple):

@@ -1,9 +1,10 @@
 """What a platform recorded, made whole: open and damaged bags are recovered, and all are listed with their checksums.
 
 What a recorder left open is closed where it lies: the bytes that this changes are in an undo file beside it. What is
-damaged elsewhere than at its end is recovered into a new bag, and the original stays beside that. Where the storage has
-no space for it, it is listed as it is: the collector makes it whole. So it does where a merge finds damaged data in a
-bag whose index is good. A file of which nothing can be read is a loss that is told, and hinders no other.
+damaged elsewhere than at its end is recovered into a new bag, and the original stays beside that. Where that is gone
+later, or was cut, the new bag is all that there is, and stays listed. Where the storage has no space for it, it is
+listed as it is: the collector makes it whole. So it does where a merge finds damaged data in a bag whose index is good.
+A file of which nothing can be read is a loss that is told, and hinders no other.
 """
 
 from __future__ import annotations
@@ -55,9 +56,23 @@ def _inside(lost: Optional[int]) -> Dict[str, Optional[int]]:
 
 
 def open_bags(folder: Path) -> List[Path]:
-    """Return what recorders wrote, in order of name; not what was recovered from it."""
-    found = [*folder.glob("*.bag"), *folder.glob("*.bag.active")]
-    return sorted(path for path in found if not path.name.endswith(_RECOVERED) and not path.name.startswith("."))
+    """Return what recorders wrote, in order of name; not what was recovered from it.
+
+    What is gone is named where it was recovered before; where that is damaged now, it stands for what is gone.
+    """
+    bags = [path for path in (*folder.glob("*.bag"), *folder.glob("*.bag.active")) if not path.name.startswith(".")]
+    recovered = {path for path in bags if path.name.endswith(_RECOVERED)}
+    found = set(bags) - recovered
+    for path in recovered - {_output(each, folder) for each in found}:
+        original = folder / Path(str((read_json(_note(path)) or {}).get("file"))).name
+        if _output(original, folder) == path:
+            found.add(original if _is_good(path) else path)
+    return sorted(found)
+
+
+def _size(path: Path) -> int:
+    """Return the bytes of a file; of one that is not there any more there are none."""
+    return path.stat().st_size if path.exists() else 0
 
 
 def whole_bags(
@@ -109,12 +124,12 @@ def recover_damaged(folder: Path, bag: Path, target: Path, progress: Optional[Pr
 
 
 def _whole(path: Path, target: Path, progress: Optional[Progress]) -> Optional[Part]:
-    if path.stat().st_size == 0:
-        return None  # not a byte was written
     output = _output(path, target)
     before = _recovered_before(path, output)
     if before is not None:
         return before
+    if _size(path) == 0:
+        return None  # not a byte was written
     if path.name.endswith(".bag") and _is_good(path):
         return Part(path, 0, path.name)
     return _recovered(path, output, check_data=path.name.endswith(".bag"), progress=progress)
@@ -134,9 +149,11 @@ def _recovered(path: Path, output: Path, *, check_data: bool, progress: Optional
     """Recover a bag, and write down what was lost: who comes after a kill must not have to guess."""
     output.parent.mkdir(parents=True, exist_ok=True)
     _note(output).unlink(missing_ok=True)
+    if output.exists():  # it was not what is wanted, and may have what is nowhere else
+        output.replace(aside(output))
     undo = _damaged_undo(path)
     with _without_undo(path) if undo else nullcontext(path) as source:
-        done = recover(source, output, check_data=check_data, replace=True, progress=progress)
+        done = recover(source, output, check_data=check_data, progress=progress)
     part = Part(output, done.scan.lost, path.name, done.scan.lost_inside)
     if undo:
         part = part._replace(lost=None, lost_inside=None, undo_damaged=undo)
@@ -170,12 +187,20 @@ def _without_undo(path: Path) -> Iterator[Path]:
 
 
 def _recovered_before(path: Path, output: Path) -> Optional[Part]:
-    """Return what was recovered from a file before; None where that is not written down, or it is another file now."""
+    """Return what was recovered from a file before; None where that is not written down, or there is more in it now."""
     note = read_json(_note(output)) or {}
-    same = (note.get("file"), note.get("bytes")) == (path.name, path.stat().st_size)
-    if not same or "lost" not in note or not _is_good(output):
+    if note.get("file") != path.name or "lost" not in note or not _is_good(output):
+        return None
+    if note.get("bytes") != _size(path) and _found(path) > _found(output):
         return None
     return Part(output, note["lost"], path.name, note.get("lost_inside", 0), note.get("undo_damaged", ""))
+
+
+def _found(path: Path) -> int:
+    """Return how many messages can be found in a file: none in what is no bag, or not there."""
+    with suppress(BagError):
+        return scan(path, check_data=False).messages if path.exists() else 0
+    return 0
 
 
 def _is_good(path: Path) -> bool:
@@ -203,11 +228,11 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
     paths = open_bags(folder)
     by_hand = _recovered_by_hand(paths)
     paths = [path for path in paths if path.with_name(f"{path.name}{_ACTIVE}") not in by_hand]
-    meter = _Meter(sum(path.stat().st_size for path in paths), progress)
+    meter = _Meter(sum(map(_size, paths)), progress)
     entries: List[Dict[str, Any]] = []
     files: List[Written] = []
     for path in paths:
-        size = path.stat().st_size
+        size = _size(path)
         listed = [_compared(folder, each, before, anew=anew) for each in by_hand.get(path) or _listed(folder, path)]
         entries += listed
         files += _written(folder, path, listed)
@@ -359,10 +384,12 @@ def _listed(folder: Path, path: Path) -> List[Dict[str, Any]]:
 
 def _closed_in_place(path: Path) -> Optional[Path]:
     """Return a bag that was closed where it lies, now or before; None where that cannot be, or has not to be."""
+    if _size(path) == 0:
+        return None
     if path.name.endswith(".bag"):
         closed = undo_path(path).exists() and _undo_is_of(path) is not False and _is_good(path)
         return path if closed else None
-    if path.stat().st_size == 0:
+    if _recovered_before(path, _output(path, path.parent)) is not None:
         return None
     try:
         return recover_in_place(path, check_data=False).path  # a merge looks at every message

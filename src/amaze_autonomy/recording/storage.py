@@ -100,7 +100,12 @@ def space_of(folder: Path) -> Optional[Space]:
 # Where it lies it may have gone bad since it came: changed, cut, or gone. What is whole here stays, and is used.
 
 
-_SUFFIX = re.compile(r"(\.recovered)?\.bag(\.active)?$")
+_SUFFIX = re.compile(r"(\.recovered)*\.bag(\.active)?$")
+
+
+def recording_of(name: str) -> str:
+    """Return the name of what a recorder wrote, whether a file is that or was recovered from it."""
+    return _SUFFIX.sub("", name)
 
 
 def joined(folder: Path, sent: Mapping[str, Any]) -> Tuple[Dict[str, Any], FrozenSet[str]]:
@@ -121,8 +126,8 @@ def joined(folder: Path, sent: Mapping[str, Any]) -> Tuple[Dict[str, Any], Froze
         if was is not None:
             kept[str(was["file"])] = was
         entries.append(was or entry)
-    recorded = {_SUFFIX.sub("", str(each["file"])) for each in sent["files"]}
-    gone = [each for each in before["files"] if _SUFFIX.sub("", str(each["file"])) not in recorded]
+    recorded = {recording_of(str(each["file"])) for each in sent["files"]}
+    gone = [each for each in before["files"] if recording_of(str(each["file"])) not in recorded]
     kept.update({str(each["file"]): each for each in gone if is_as_listed(folder / str(each["file"]), each)})
     if not kept:
         return dict(sent), frozenset()
