@@ -622,6 +622,24 @@ def test_a_process_that_somebody_stopped_is_seen_and_can_be_told_to_go_on(tmp_pa
         children.wait(("one",), 10.0)
 
 
+def test_a_recorder_of_a_group_that_is_not_configured_any_more_is_found_and_can_be_told_to_end(tmp_path, children):
+    (tmp_path / "record").write_text("#!/bin/sh\nexec sleep 60\n")
+    assert children.start("one", 1) == ""
+    later = processes.RecorderChildren({}, {}, {}, Storage(), [])
+    try:
+        later.remember(children.memory())
+        later.enter(tmp_path / "part")
+        assert (later.running, later.look(Subscriptions({})).groups["one"].running) == (("one",), True)
+        assert later.memory() == children.memory(), "so does the next process of the node"
+        later.signal("one", "INT")
+        children.wait(("one",), 10.0)
+        seen = later.look(Subscriptions({})).groups["one"]
+        assert (seen.running, seen.ending) == (False, "it is not in the configuration any more")
+    finally:
+        children.signal("one", "KILL")
+        children.wait(("one",), 10.0)
+
+
 def test_what_was_seen_of_one_session_is_no_ground_for_what_is_done_in_another(tmp_path):
     """A session begins while the files of the one before are looked at."""
     machine = SimpleNamespace(session_id="s1", step=lambda *_: pytest.fail("it decides by files of another session"))

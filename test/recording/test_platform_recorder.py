@@ -7,7 +7,7 @@ import pytest
 from recording_story import EPOCH_NS, PHASE, Platform, S, recorded_memory, recording, recovered, stopped
 
 from amaze_autonomy.recording import Answer, GroupSetup, PlatformRecorder
-from amaze_autonomy.recording.status import Recover, Signal, StartChild, configured
+from amaze_autonomy.recording.status import UNWANTED, Recover, Signal, StartChild, configured
 
 
 def test_goes_all_the_way_from_idle_to_a_complete_part():
@@ -562,6 +562,57 @@ def test_a_process_that_was_killed_while_it_closed_or_recovered_goes_on_there():
     second.machine.remember(0, recorded_memory(first), same_boot=True)
     second.go_on(0.3)
     assert second.commands == [Signal("states", "INT"), Signal("cameras", "INT"), Recover()]
+
+
+def renamed(memory, running=(), **endings):
+    """Return a platform that goes on from a memory, with a configuration in which cameras is called front."""
+    platform = Platform(groups=("states", "cameras", "front"))
+    setup = platform.machine.setup
+    groups = tuple(each for each in setup.groups if each.name != "cameras")
+    platform.machine = PlatformRecorder(replace(setup, groups=groups))
+    platform.running.update(dict.fromkeys(running, True))
+    platform.endings.update(endings)
+    platform.numbers = {"states": 1, "cameras": 1, "front": 0}
+    platform.now_ns = 2 * S
+    platform.machine.remember(platform.now_ns, memory, same_boot=True)
+    return platform
+
+
+@pytest.mark.parametrize("obeys", [True, False])
+def test_a_recorder_of_a_group_that_was_renamed_is_told_to_end_once_and_one_of_the_new_name_begins(obeys):
+    first = recording()
+    later = renamed(recorded_memory(first), ("states", "cameras"), cameras=UNWANTED)
+    later.obeys["cameras"] = ("INT",) if obeys else ("TERM",)
+    later.go_on(3.0)
+    assert later.commands == [Signal("cameras", "INT"), StartChild("front", 1)]
+    assert (later.machine.phase, later.part.growing) == (PHASE.RECORDING, True)
+    later.stop()
+    later.go_on(0.5)
+    told = {each.name for each in later.asked(Signal) if each.group == "cameras"}
+    assert later.running["cameras"] == (not obeys)
+    assert (told, later.machine.phase) == ({"INT"}, PHASE.RECOVERING if obeys else PHASE.STOPPING)
+
+
+@pytest.mark.parametrize("killed", [True, False])
+def test_what_a_group_recorded_stays_known_when_the_session_goes_on_without_it_and_the_rest_is_a_gap(killed):
+    """The node is killed while it records, or the session was stopped: then recording.yaml is another one."""
+    first = recording()
+    if not killed:
+        stopped(first)
+    later = renamed(recorded_memory(first), ("states", "cameras") if killed else (), cameras=UNWANTED)
+    if not killed:
+        later.turn()
+        assert later.start() == Answer(accepted=True)
+    later.go_on(5.0)
+    assert (later.machine.phase, later.part.growing) == (PHASE.RECORDING, True)
+    assert [each.group for each in later.asked(StartChild)] == (["front"] if killed else ["states", "front"])
+    assert later.part.message.split("; ")[0] == f"cameras: {UNWANTED}"
+    stopped(later)
+    facts = later.machine.facts()
+    (gap,) = [each for each in facts["gaps"] if each["group"] == "cameras"]
+    assert (gap["file"], gap["ending"], gap["seconds"] > 4.5, "to_ns" in gap) == (2, UNWANTED, True, True)
+    assert facts["configured"]["cameras"]["topics"] == ["/cameras"]
+    assert facts["seen"]["cameras"]["file"] == 1
 
 
 def test_the_rate_is_that_of_the_last_seconds():

@@ -18,7 +18,9 @@ Where a recorder of a group ended, or said that it stopped to write, while it sh
 last growth of its files to the next, or to the end of the recording. So there is where its process was stopped (it is
 told to go on), and where a recording was stopped and goes on, or its computer was started anew. That files do not grow
 is no gap: of a few small messages nothing is written for long; what a slow disk loses, the recorder says in its log,
-and headers count it. What is known of a session is kept when another one begins: it may be taken up again.
+and headers count it. What is known of a session is kept when another one begins: it may be taken up again. So is what
+is known of a group that is not in the configuration any more: its recorder is ended, and the rest of the session is a
+gap of it.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from amaze_autonomy.units import MB, SECOND
 
 from .status import (
     STOPPED,
+    UNWANTED,
     WRITING,
     Answer,
     Command,
@@ -130,12 +133,11 @@ class Group:
         self._began_ns: Optional[int] = None
         self._looked_ns: Optional[int] = None
 
-    def begin(self, t_ns: int) -> None:
-        """Forget the last recorder: a recording begins, or goes on after a gap."""
+    def begin(self, t_ns: int, ending: str = STOPPED) -> None:
+        """Forget the last recorder: a recording begins, or goes on after a gap; `ending` is the cause of that."""
         self._asked_ns = self._ended_ns = self._gap_ns = self._grew_ns = None
         self.writes = False
         until_ns, self.span["to_ns"] = self.span["to_ns"], None
-        ending = STOPPED
         if until_ns is None and self.span["file"] is not None:  # nobody saw it end: its files say how far they go
             until_ns, ending = self.span["from_ns"], _ANEW
         if until_ns is not None:
@@ -159,14 +161,17 @@ class Group:
         self._asked_size = self._seen.size
         return self.number
 
+    def stop(self) -> bool:
+        """Return whether its recorder is to be ended: asked once."""
+        told, self._told = self._told, self.running
+        return self.running and not told
+
     def stop_for_space(self, t_ns: int) -> bool:
         """Return whether its recorder is to be ended because the storage is full: asked once."""
-        told, self._told = self._told, self.running
-        if told or not self.running:
-            return False
-        if self._gap_ns is None:
+        asked = self.stop()
+        if asked and self._gap_ns is None:
             self._open_gap(t_ns, _FULL, self.number + 1)
-        return True
+        return asked
 
     def stop_for_removal(self, t_ns: int) -> bool:
         """Return whether its recorder is to be ended because its files were removed: all that they held is a gap."""
@@ -432,9 +437,10 @@ class PlatformRecorder:
             self._growth = Growth()
         self.session_id, self.mission_id, self.location, self._anew = session_id, mission_id, "", False
         for each in self.setup.groups:
-            group = self.groups.setdefault(each.name, Group(each.name))
+            self.groups.setdefault(each.name, Group(each.name))
+        for name, group in self.groups.items():
             group.shift_ns = self._shift_ns
-            group.begin(t_ns)
+            group.begin(t_ns, STOPPED if self._is_wanted(name) else UNWANTED)
         self._enter(Phase.STARTING, t_ns)
 
     def _leave_for(self, session_id: str) -> None:
@@ -496,17 +502,18 @@ class PlatformRecorder:
         return tuple(turn(self, t_ns)) if turn is not None else ()
 
     def _write(self, t_ns: int) -> List[Command]:
-        """Keep every group's recorder running, as long as there is space for what it writes."""
+        """Keep every wanted group's recorder running, as long as there is space for what it writes."""
         self._look_at_space()
+        told = [group for group in self._unwanted if group.stop()]
         if self._full:
-            told = [group for group in self.groups.values() if group.stop_for_space(t_ns)]
+            told += [group for group in self._wanted if group.stop_for_space(t_ns)]
             return [*self._wake(), *(Signal(group.name, "INT") for group in told)]
-        removed = [group for group in self.groups.values() if group.stop_for_removal(t_ns)]
-        wanting = [group for group in self.groups.values() if group.wants_child(t_ns)]
-        commands: List[Command] = [*self._wake(), *(Signal(group.name, "INT") for group in removed)]
+        told += [group for group in self._wanted if group.stop_for_removal(t_ns)]
+        wanting = [group for group in self._wanted if group.wants_child(t_ns)]
+        commands: List[Command] = [*self._wake(), *(Signal(group.name, "INT") for group in told)]
         now = self._configured
         commands += [StartChild(group.name, group.take_number(t_ns, now.get(group.name))) for group in wanting]
-        if self.phase is Phase.STARTING and self.groups and self._proven():
+        if self.phase is Phase.STARTING and self._proven():
             self._enter(Phase.RECORDING, t_ns)
         return commands
 
@@ -542,14 +549,26 @@ class PlatformRecorder:
         return [Recover()]
 
     def _proven(self) -> bool:
-        groups = self.groups.values()
-        return all(group.proven for group in groups) and any(group.writes for group in groups)
+        return all(group.proven for group in self._wanted) and any(group.writes for group in self._wanted)
+
+    @property
+    def _wanted(self) -> List[Group]:
+        """Return the groups of the configuration."""
+        return [group for name, group in self.groups.items() if self._is_wanted(name)]
+
+    @property
+    def _unwanted(self) -> List[Group]:
+        """Return the other ones: the configuration has changed since the session began."""
+        return [group for name, group in self.groups.items() if not self._is_wanted(name)]
+
+    def _is_wanted(self, name: str) -> bool:
+        return any(each.name == name for each in self.setup.groups)
 
     # --- status ---------------------------------------------------------------------------------------------------
 
     def grows(self, t_ns: int) -> bool:
         """Return whether it records now: every group, and the files grow."""
-        running = self.phase in WRITING and bool(self.groups) and self._proven()
+        running = self.phase in WRITING and self._proven()
         return running and self._growth.grows(t_ns, self.setup.growth_limit_ns)
 
     def status(self, t_ns: int) -> Status:
@@ -603,11 +622,11 @@ class PlatformRecorder:
             return []
         found = [self._message] if self._message else []
         if self.phase in WRITING:
-            found += self._lacks + self._space_troubles()
+            found += self._lacks + self._space_troubles() + [f"{group.name}: {UNWANTED}" for group in self._unwanted]
             if self.phase is Phase.RECORDING and not self._growth.grows(t_ns, self.setup.growth_limit_ns):
                 found.append("its files do not grow")
-        for group in self.groups.values():
-            found += group.troubles(writing=self.phase in WRITING)
+        for name, group in self.groups.items():
+            found += group.troubles(writing=self.phase in WRITING and self._is_wanted(name))
         return found
 
     def _space_troubles(self) -> List[str]:
@@ -644,6 +663,8 @@ class PlatformRecorder:
             phase = Phase.RECOVERING
         writing = phase in WRITING
         self.groups = {name: Group.of_memory(name, value, writing=writing) for name, value in memory["groups"].items()}
+        for each in self.setup.groups if writing else ():
+            self.groups.setdefault(each.name, Group(each.name))
         self._left = {str(session_id): dict(groups) for session_id, groups in memory.get("left", ())}
         self._enter(phase, t_ns)
         self._message, self._anew = str(memory["message"]), bool(memory.get("anew"))

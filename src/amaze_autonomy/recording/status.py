@@ -16,7 +16,8 @@ from amaze_autonomy.engine.events import RecordingPhase
 
 
 WRITING = (RecordingPhase.STARTING, RecordingPhase.RECORDING)
-STOPPED = "it was stopped and started again"  # the cause of a gap
+STOPPED = "it was stopped and started again"  # causes of gaps
+UNWANTED = "it is not in the configuration any more"
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from amaze_autonomy.recording.programs import (
     read_line,
     transfer_command,
 )
-from amaze_autonomy.recording.status import GroupStatus, ProcessStatus
+from amaze_autonomy.recording.status import UNWANTED, GroupStatus, ProcessStatus
 from amaze_autonomy.recording.storage import PARTS, aside, is_as_listed, joined, read_parts, write_json
 from amaze_autonomy.ros.clock import MonotonicClock, Periodic
 from amaze_autonomy.ros.liveness import LocalProcess
@@ -132,7 +132,7 @@ class RecorderChildren:
             if self._folder is not None:
                 self._endings = {}
             self._folder = folder
-            self._logs = {name: _Log(folder / log_name(name)) for name in self._groups}
+            self._logs = {name: _Log(folder / log_name(name)) for name in self._names}
 
     def start(self, name: str, number: int) -> str:
         """Start a recorder; return why that is not possible, or an empty text. It never writes over a file."""
@@ -177,7 +177,12 @@ class RecorderChildren:
     @property
     def running(self) -> Tuple[str, ...]:
         """Return the groups whose recorder is there."""
-        return tuple(name for name in self._groups if self._is_running(name))
+        return tuple(name for name in self._names if self._is_running(name))
+
+    @property
+    def _names(self) -> Tuple[str, ...]:
+        """Return the groups, and those of which a recorder was found and that are not in the configuration any more."""
+        return tuple(dict.fromkeys([*self._groups, *self._processes]))
 
     def _is_running(self, name: str) -> bool:
         own = self._own.get(name)
@@ -195,21 +200,21 @@ class RecorderChildren:
         if folder is None:
             return ProcessStatus()
         files = _files(folder)
-        groups = {name: self._see(name, files, subscriptions) for name in self._groups}
+        groups = {name: self._see(name, files, subscriptions) for name in self._names}
         return ProcessStatus(groups, stamp_ns=stamp_ns)
 
     def _see(self, name: str, files: Mapping[str, os.stat_result], subscriptions: Subscriptions) -> GroupStatus:
         names = files_of(name, list(files))
         mine, running = [files[each] for each in names], self._is_running(name)
         process = self._processes.get(name)
-        log, topics = self._logs[name].read(), self._topics[name]
+        log, topics = self._logs[name].read(), self._topics.get(name, ())
         ending = "" if running else "; ".join(each for each in (self._endings.get(name, ""), log.error) if each)
         return GroupStatus(
             running=running,
             ending=ending,
             size=sum(each.st_size for each in mine),
             idle_ns=max(0, time.time_ns() - max(each.st_mtime_ns for each in mine)) if mine else None,
-            missing=subscriptions.missing(self._nodes[name], topics) if running else tuple(topics),
+            missing=subscriptions.missing(self._nodes.get(name, ""), topics) if running else tuple(topics),
             silent=subscriptions.silent(topics),
             dropped=log.dropped,
             full=running and log.full,
@@ -235,9 +240,8 @@ class RecorderChildren:
     def remember(self, memory: Mapping[str, Sequence[int]]) -> None:
         """Find the processes again that another process of the node started."""
         for name, (pid, start) in memory.items():
-            if name in self._groups:
-                self._processes[name] = LocalProcess(int(pid), int(start))
-                self._endings[name] = "it ended while this node was away"
+            self._processes[name] = LocalProcess(int(pid), int(start))
+            self._endings[name] = "it ended while this node was away" if name in self._groups else UNWANTED
 
     def wait(self, names: Iterable[str], limit_s: float) -> None:
         """Wait until recorders have ended."""
