@@ -70,6 +70,48 @@ def test_what_an_earlier_run_left_in_a_named_folder_is_kept(tmp_path):
     assert not (tmp_path / "journal.jsonl").exists()
 
 
+@pytest.mark.usefixtures("home")
+def test_the_journal_of_a_session_is_found_where_the_next_run_moved_it_and_that_of_the_next_run_is_not_taken_for_it(
+    tmp_path,
+):
+    place, place_of = Place(str(tmp_path / "out")), {}
+    for label, later in (("a", ""), ("b", "c"), ("d", "")):  # the engine of c goes on with the run of b
+        folder = run_folder.make_folder(place, label)
+        write_journal(folder, label=label)
+        run_folder.register(label, folder / "journal.jsonl", also=later)
+    for label in "abcd":
+        place_of[label] = run_folder.registered(f"{label}-001")
+    there = {"a": "earlier", "b": "earlier-2", "c": "earlier-2", "d": ""}
+    assert place_of == {label: tmp_path / "out" / name / "journal.jsonl" for label, name in there.items()}
+    shutil.rmtree(tmp_path / "out" / "earlier-2")
+    write_journal(tmp_path / "out" / "earlier-2", label="another")
+    assert [run_folder.registered(f"{label}-001") for label in "bc"] == [None, None]
+
+
+@pytest.mark.usefixtures("home")
+@pytest.mark.parametrize("resumed", [False, True])
+def test_an_engine_that_goes_on_with_a_run_names_its_journal_for_the_sessions_of_both(tmp_path, resumed):
+    write_journal(tmp_path, label="a" if resumed else "b")
+    node = SimpleNamespace(
+        _label="b",
+        _resumed=SimpleNamespace(header={"label": "a"}) if resumed else None,
+        _journal=SimpleNamespace(path=tmp_path / "journal.jsonl"),
+    )
+    node._run_label = lambda: engine_node.AutonomyNode._run_label(node)
+    engine_node.AutonomyNode._name_journal(node)
+    found = [run_folder.registered(f"{label}-001") for label in "ab"]
+    assert found == [tmp_path / "journal.jsonl" if resumed else None, tmp_path / "journal.jsonl"]
+
+
+@pytest.mark.usefixtures("home")
+def test_a_copy_of_a_journal_that_makes_room_does_not_take_the_place_of_the_original(tmp_path):
+    for name in ("original", "copy"):
+        write_journal(tmp_path / name, label="a")
+    run_folder.register("a", tmp_path / "original" / "journal.jsonl")
+    run_folder.make_folder(Place(str(tmp_path / "copy")), "b")
+    assert run_folder.registered("a-001") == tmp_path / "original" / "journal.jsonl"
+
+
 @pytest.mark.usefixtures("umask_of_nodes")
 def test_folders_of_runs_and_results_are_for_user_and_group(home):
     named = home / "named" / "run"
@@ -94,7 +136,7 @@ def test_two_engines_of_one_second_have_sessions_and_journals_of_their_own(tmp_p
     assert run_folder.registered(f"{labels[0]}-001") is None, "its journal is not there yet"
     for label in labels[:2]:
         (tmp_path / label).mkdir()
-        write_journal(tmp_path / label)
+        write_journal(tmp_path / label, label=label)
         run_folder.register(label, tmp_path / label / "journal.jsonl")
     found = [run_folder.registered(f"{label}-001") for label in labels]
     assert found == [tmp_path / label / "journal.jsonl" for label in labels[:2]] + [None]

@@ -27,7 +27,7 @@ from amaze_autonomy.config.schemas.recording import Storage, TopicGroup, Transfe
 from amaze_autonomy.engine.events import EngineStarted, RecordingPhase, Shutdown
 from amaze_autonomy.journal.journal import encode_event, encode_header, make_header
 from amaze_autonomy.nodes.autonomy.journal_file import create
-from amaze_autonomy.nodes.autonomy.run_folder import Place, register, registered
+from amaze_autonomy.nodes.autonomy.run_folder import Place, make_folder, register, registered
 from amaze_autonomy.nodes.recorder import node as recorder_node
 from amaze_autonomy.nodes.recorder import processes
 from amaze_autonomy.nodes.recorder.collector import Collection, RecorderCollector, read_status
@@ -398,7 +398,7 @@ def test_the_journal_of_a_session_is_found_by_its_label_and_copied(tmp_path):
     run, session = tmp_path / "run", tmp_path / "s1_m"
     run.mkdir()
     session.mkdir()
-    journal = create(run, '{"kind":"header","version":1}', Place().elsewhere)
+    journal = create(run, '{"kind":"header","version":1,"label":"20261121T041730"}', Place().elsewhere)
     register("20261121T041730", journal.path)
     collection = Collection(load_configuration(config_folder()), {})
     collection.copy_journal(session, "20261121T041730-002", again=True)
@@ -408,6 +408,25 @@ def test_the_journal_of_a_session_is_found_by_its_label_and_copied(tmp_path):
     journal.close()
 
 
+@pytest.mark.usefixtures("ros_home")
+def test_the_copy_in_a_session_is_not_replaced_by_the_journal_of_the_next_run(tmp_path):
+    session, place = tmp_path / "s1_m", Place(output=str(tmp_path / "out"))
+    session.mkdir()
+    collection = Collection(load_configuration(config_folder()), {})
+    copies = []
+    for label, events in (("20261121T041730", 100), ("20261121T050000", 3)):
+        header = f'{{"kind":"header","version":1,"label":"{label}"}}'
+        journal = create(make_folder(place, label), header, place.elsewhere)
+        for number in range(events):
+            journal.append(encode_event(EngineStarted(t_ns=number, label=label)))
+        journal.close()
+        register(label, journal.path)
+        collection.copy_journal(session, "20261121T041730-002", again=True)
+        copies.append((session / "journal.jsonl").read_text())
+    assert copies[0].count("\n") == 101
+    assert copies[1] == copies[0]
+
+
 @pytest.mark.usefixtures("ros_home", "umask_of_nodes")
 @pytest.mark.parametrize("mode", [0o666, 0o644], ids=oct)
 def test_what_is_copied_into_a_session_is_for_user_and_group_whoever_may_read_the_original(tmp_path, mode):
@@ -415,7 +434,7 @@ def test_what_is_copied_into_a_session_is_for_user_and_group_whoever_may_read_th
     run.mkdir()
     session.mkdir()
     shutil.copytree(config_folder(), tmp_path / "config")
-    journal = create(run, '{"kind":"header","version":1}', Place().elsewhere)
+    journal = create(run, '{"kind":"header","version":1,"label":"20261121T041730"}', Place().elsewhere)
     journal.close()
     register("20261121T041730", journal.path)
     for path in (journal.path, *(each for each in (tmp_path / "config").rglob("*") if each.is_file())):

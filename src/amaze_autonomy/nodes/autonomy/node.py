@@ -222,12 +222,10 @@ class AutonomyNode:
 
     def _name_journal(self) -> None:
         """Say where the journal is: the recorder copies it into the recording."""
-        labels = {self._label, str(self._resumed.header.get("label", "")) if self._resumed is not None else ""}
-        for label in sorted(labels - {""}):
-            try:
-                run_folder.register(label, self._journal.path)
-            except OSError as error:
-                rospy.logwarn("the recorder will not find the journal: %s", error)
+        try:
+            run_folder.register(self._run_label(), self._journal.path, also=self._label)
+        except OSError as error:
+            rospy.logwarn("the recorder will not find the journal: %s", error)
 
     def _select(self) -> None:
         """Select the missions of the parameter once all peers are there, or have had the time to come."""

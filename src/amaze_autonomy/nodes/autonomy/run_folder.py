@@ -157,13 +157,25 @@ def _fresh(parent: Path, label: str) -> Path:
 
 
 def _keep_earlier(folder: Path) -> None:
-    """Move an earlier run's files into a folder of their own beside the new ones."""
+    """Move an earlier run's files into a folder of their own beside the new ones; its journal is named there."""
     names = [name for name in (JOURNAL_NAME, REPORT_NAME, RESULT_NAME) if (folder / name).exists()]
     if not names:
         return
+    label = _label_of(folder / JOURNAL_NAME)
+    named = registered(f"{label}-") == (folder / JOURNAL_NAME).resolve()  # it is no copy of one elsewhere
     earlier = _fresh(folder, "earlier")
     for name in names:
         (folder / name).rename(earlier / name)
+    if named:
+        with suppress(OSError):  # then it is not found any more, and no other one in its place
+            register(label, earlier / JOURNAL_NAME)
+
+
+def _label_of(journal: Path) -> str:
+    """Return the label of a journal's run by its header; empty: it says none."""
+    with suppress(OSError, ValueError):
+        return str(_header(journal, also=True).get("label", "")) if journal.is_file() else ""
+    return ""
 
 
 def own_label(now: datetime) -> str:
@@ -186,36 +198,48 @@ def own_label(now: datetime) -> str:
             return label
 
 
-def register(label: str, path: Path) -> None:
+def register(label: str, path: Path, also: str = "") -> None:
     """Name a run's journal where only this user can: the recorder finds it by the label of its sessions.
+
+    Args:
+        label: of the run, as the header of its journal says it.
+        path: of the journal.
+        also: label of who goes on with the run, if it is another one. It leads to the first, wherever the journal goes.
 
     Raises:
         OSError: It cannot be named.
     """
-    link = default_parent() / _REGISTER / label
-    link.parent.mkdir(parents=True, exist_ok=True)
-    half = link.with_name(f".{label}.{os.getpid()}")
-    with suppress(FileNotFoundError):
-        half.unlink()
-    half.symlink_to(path.resolve())
-    half.replace(link)
+    folder = default_parent() / _REGISTER
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, there in ((label, str(path.resolve())), (also, label)):
+        if name and name != there:
+            half = folder / f".{name}.{os.getpid()}"
+            with suppress(FileNotFoundError):
+                half.unlink()
+            half.symlink_to(there)
+            half.replace(folder / name)
 
 
 def registered(session_id: str) -> Optional[Path]:
-    """Return the journal of a session's run; None when this user named none, or what is named is no journal of it."""
+    """Return the journal of a session's run; None when this user named none, or what is named is no journal of it.
+
+    Where a journal lay another run's may lie now: the header tells whose it is.
+    """
     label = session_id.rpartition("-")[0]
     if not label or "/" in label or label.startswith("."):
         return None
     try:
-        path = Path(os.path.realpath(default_parent() / _REGISTER / label))
+        link = default_parent() / _REGISTER / label
+        path, first = Path(os.path.realpath(link)), os.readlink(link)
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
         with os.fdopen(descriptor, "rb") as file:
             found = os.fstat(descriptor)
             own = stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid() and path.name == JOURNAL_NAME
-            header = codec.decode(file.readline(_LONGEST_HEADER).decode()).kind == "header" if own else False
+            line = codec.decode(file.readline(_LONGEST_HEADER).decode()) if own else None
     except (OSError, ValueError):  # also no journal, and a name with NUL
         return None
-    return path if header else None
+    header = line.payload if line is not None and line.kind == "header" else None
+    return path if isinstance(header, dict) and header.get("label") in (label, first) else None
 
 
 def find_unfinished(place: Place, fits: Fits = lambda *_: True) -> Optional[Unfinished]:
