@@ -143,11 +143,17 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
     configuration = load_configuration(config_folder(), {"recording.apply_clock_offset": True})
     transfers = {each.name: each.transfer for each in configuration.recording.platforms}
     views = {
-        name: SimpleNamespace(began=True, offsets={}, part=PlatformStatus(name, location=f"/rec/{name}"))
-        for name in ("main", "second")
+        name: SimpleNamespace(began=True, fetched=True, offsets={}, part=PlatformStatus(name, location=f"/rec/{name}"))
+        for name in ("main", "second", "came", "emptied", "far")
     }
+    views["far"].fetched = False
+    (tmp_path / "s1_m" / "came").mkdir(parents=True)
+    (tmp_path / "s1_m" / "came" / "parts.json").write_text("{}")
+    known = {"main": views.pop("main"), "second": views.pop("second"), "third": SimpleNamespace(began=False)}
     collector = SimpleNamespace(
-        views={**views, "third": SimpleNamespace(began=False)},
+        views=known,
+        taken_out=views,
+        of_session={**known, **views},
         setup=SimpleNamespace(own="main"),
         session_id="s1",
         mission_id="m",
@@ -160,8 +166,9 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
     assert [(each["platform"], each["folder"], each["fetched"]) for each in request["sources"]] == [
         ("main", "/rec/main", False),
         ("second", str(tmp_path / "s1_m" / "second"), True),
+        ("came", str(tmp_path / "s1_m" / "came"), True),
     ]
-    wanted = [each["wanted"] for each in request["sources"]]
+    wanted = [each["wanted"] for each in request["sources"][:2]]
     images = {"topics": ["/realsense/image_raw", "/realsense/imu"], "match": [], "exclude": ""}
     assert (list(wanted[0]), wanted[1]) == (["states", "sensors", "cameras"], {"realsense": images})
     assert wanted[0]["states"]["topics"][:3] == ["/autonomy/journal", "/autonomy/state", "/watchdog/action"]
@@ -169,6 +176,7 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
     assert wanted == [{group.name: group.configured for group in groups} for groups in listed]
     told = {name: request["facts"][name] for name in ("stopped_ns", "flights", "tolerated_topics", "absent")}
     assert told == {"stopped_ns": 5, "flights": [[1, 4]], "tolerated_topics": (), "absent": ["third"]}
+    assert request["facts"]["taken_out"] == {"emptied": "/rec/emptied", "far": "/rec/far"}
 
 
 @pytest.mark.parametrize("by", ["rsync", "shared", "here"])
@@ -183,7 +191,7 @@ def test_what_a_stranger_says_of_a_parts_place_is_neither_fetched_nor_merged(tmp
     assert jobs.fetch(transfer, str(elsewhere), session / "second", lambda _: None) == words
     assert not session.exists()
     view = SimpleNamespace(offsets={}, part=PlatformStatus("second", location=str(elsewhere)))
-    collector = SimpleNamespace(views={"second": view}, setup=SimpleNamespace(own="main"), wanted={})
+    collector = SimpleNamespace(of_session={"second": view}, setup=SimpleNamespace(own="main"), wanted={})
     collection = Collection(load_configuration(config_folder()), {"second": transfer})
     assert collection.source(session, collector, "second")["folder"] == str(session / "second")
     view.part = PlatformStatus("second", location=f"{tmp_path}/disk/s1_m/second")

@@ -675,6 +675,35 @@ def test_what_was_wanted_of_a_session_is_what_was_configured_when_it_began():
     assert later.collector.wanted == after
 
 
+@pytest.mark.parametrize("again", [False, True])
+def test_a_platform_that_was_taken_out_of_the_configuration_stays_one_of_the_session(again):
+    """Its part did not come; what it recorded lies there yet, and with its platform put back it is fetched."""
+    fleet = recording()
+    fleet.silent["second"] = True
+    fleet.stop()
+    fleet.go_on(60)
+    assert fleet.collector.phase is PHASE.FAILED
+    later = Fleet(platforms=("main",))
+    later.collector.remember(0, json.loads(json.dumps(fleet.collector.memory())))
+    assert list(later.collector.taken_out) == ["second"]
+    later.say("main", PHASE.COMPLETE)
+    later.stop()
+    later.go_on(2)
+    assert {each.platform for each in later.asked(Ask)} <= {"main"}
+    assert later.asked(Transfer) == [], "nobody says how"
+    assert later.asked(Collect) == [Collect()]
+    if again:
+        back = Fleet()
+        back.collector.remember(0, json.loads(json.dumps(later.collector.memory())))
+        assert (list(back.collector.views), back.collector.taken_out) == (["main", "second"], {})
+        assert back.collector.views["second"].part.location == "/rec/second"
+    else:
+        later.collector.job_ended(later.now_ns, "no space", {})
+        assert later.status.location == "main:/rec/main, second:/rec/second"
+        later.collector.start(later.now_ns, "s2", "m")
+        assert later.collector.taken_out == {}
+
+
 def test_of_a_session_of_an_earlier_version_what_is_configured_now_was_wanted():
     fleet = Fleet()
     fleet.start()

@@ -265,6 +265,14 @@ def test_a_platform_that_recorded_nothing_of_the_session_is_a_loss_of_the_flight
     assert summary.lost_in_flight == ("third: its part, nothing of this session is there",)
 
 
+def test_a_platform_that_was_taken_out_of_the_configuration_is_a_loss_that_says_where_its_part_lies(tmp_path):
+    session = two_platforms(tmp_path)
+    summary = collect(plan(session, facts={"taken_out": {"third": "/rec/s1_m/third", "fourth": ""}, "flights": []}))
+    words = "its part, recording.yaml has no such platform any more"
+    there = " (it lies there at /rec/s1_m/third, and amaze-bag merge joins it)"
+    assert summary.lost_in_flight == (f"third: {words}{there}", f"fourth: {words}")
+
+
 def test_a_platform_with_another_copy_of_the_configuration_lacks_what_the_collectors_has(tmp_path):
     """/d was added to its group on the collector's computer; the other one's folder is last week's."""
     session = two_platforms(tmp_path)

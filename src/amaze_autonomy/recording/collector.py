@@ -244,6 +244,7 @@ class Collector:
         self.phase = Phase.IDLE
         self.session_id = self.mission_id = self.location = ""
         self.views: Dict[str, PlatformView] = {name: PlatformView(name) for name in setup.platforms}
+        self.taken_out: Dict[str, PlatformView] = {}  # of this session, and not in the setup any more: nobody is asked
         self._since_ns = self._t_ns = 0
         self._message = ""
         self._progress: Optional[float] = None
@@ -261,6 +262,11 @@ class Collector:
         self._engine_ns: Optional[int] = None
         self._engine: Optional[Tuple[int, str, bool]] = None  # its last status: when it came, session, in flight
 
+    @property
+    def of_session(self) -> Dict[str, PlatformView]:
+        """Return all that have, or should have, a part of the session, by name."""
+        return {**self.views, **self.taken_out}
+
     # --- requests -------------------------------------------------------------------------------------------------
 
     def start(self, t_ns: int, session_id: str, mission_id: str) -> Answer:
@@ -275,7 +281,7 @@ class Collector:
             problem = self._occupied(t_ns, session_id)
             if problem:
                 return Answer(accepted=False, message=problem)
-            self.views = {name: view.fresh() for name, view in self.views.items()}
+            self.views, self.taken_out = {name: view.fresh() for name, view in self.views.items()}, {}
             self.location, self._copied, self._summary = "", False, {}
             self.flights = self._engine_ns = None
             self._begun, self.wanted, self.keep_parts = 0, self.setup.wanted, self.setup.keep_parts
@@ -430,9 +436,7 @@ class Collector:
         self._uncollected = self._uncollected or self.phase in _COLLECTING
         self._enter(Phase.FAILED, t_ns)
         self._message = problem
-        self.location = ", ".join(
-            f"{view.name}:{view.part.location}" for view in self.views.values() if view.part.location
-        )
+        self.location = ", ".join(f"{name}:{location}" for name, location in self._lie().items())
 
     def _start(self, t_ns: int) -> List[Command]:
         """Have all platforms record; all must prove it within the limit."""
@@ -603,8 +607,12 @@ class Collector:
     def _missing(self, views: List[PlatformView], t_ns: int) -> str:
         """Return what is missing, and where everything lies."""
         missing = "; ".join(f"the part of {view.name} is missing: {self._why_missing(view, t_ns)}" for view in views)
-        lies = "; ".join(f"{view.name}: {view.part.location}" for view in self.views.values() if view.part.location)
+        lies = "; ".join(f"{name}: {location}" for name, location in self._lie().items())
         return f"{missing}. Nothing was removed{'; the parts lie at ' + lies if lies else ''}"
+
+    def _lie(self) -> Dict[str, str]:
+        """Return where the parts lie, as far as that is known."""
+        return {name: view.part.location for name, view in self.of_session.items() if view.part.location}
 
     def _why_missing(self, view: PlatformView, t_ns: int) -> str:
         if self.phase is Phase.TRANSFERRING:
@@ -664,15 +672,14 @@ class Collector:
             "flights": None if self.flights is None else [list(each) for each in self.flights],
             "wanted": {name: dict(groups) for name, groups in self.wanted.items()},
             "keep_parts": self.keep_parts,
-            "platforms": {view.name: view.memory() for view in self.views.values()},
+            "platforms": {name: view.memory() for name, view in self.of_session.items()},
         }
 
     def remember(self, t_ns: int, memory: Mapping[str, Any]) -> None:
         """Go on where another process ended; what was being fetched or merged is taken up again."""
         self.session_id, self.mission_id = str(memory["session_id"]), str(memory["mission_id"])
         for name, value in memory["platforms"].items():
-            if name in self.views:
-                self.views[name] = PlatformView.of_memory(name, value)
+            (self.views if name in self.views else self.taken_out)[name] = PlatformView.of_memory(name, value)
         self._begun = int(memory.get("begun", 1))
         phase = Phase[memory["phase"]]
         if phase is Phase.RECOVERING:

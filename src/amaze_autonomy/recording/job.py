@@ -227,6 +227,7 @@ def _inputs(plan: Plan) -> _Inputs:
         RecordingError: A part did not arrive as it was sent, or there is no bag at all.
     """
     lost = [Loss(f"{name}: its part, nothing of this session is there") for name in plan.facts.get("absent", ())]
+    lost += [_taken_out(name, location) for name, location in plan.facts.get("taken_out", {}).items()]
     found = _Inputs([], [], [], {}, [], {}, lost + _began_late(plan.facts) + _ended_early(plan.facts))
     for origin, source in enumerate(plan.sources):
         content = check_arrived(source.folder, checksums=source.fetched)
@@ -274,6 +275,12 @@ def _undecodable(paths: Sequence[Path], facts: Mapping[str, Any]) -> List[Loss]:
     topics = {topic for what, found in damaged.items() if what not in defined for topic in found}
     tolerated = facts.get("tolerated_topics", ())
     return [Loss(f"{topic}: {UNDECODABLE}", topic not in tolerated) for topic in sorted(topics)]
+
+
+def _taken_out(name: str, location: str) -> Loss:
+    """Return the part of a platform that was taken out of the configuration before its part was here."""
+    lies = f" (it lies there at {location}, and amaze-bag merge joins it)" if location else ""
+    return Loss(f"{name}: its part, recording.yaml has no such platform any more{lies}")
 
 
 def _began_late(facts: Mapping[str, Any]) -> List[Loss]:

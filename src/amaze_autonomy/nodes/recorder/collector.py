@@ -25,7 +25,7 @@ from amaze_autonomy.recording import Answer, Collector, Command, PlatformStatus,
 from amaze_autonomy.recording import status as asked
 from amaze_autonomy.recording.collector import Exchange, Offset, best, correction_ns
 from amaze_autonomy.recording.programs import misplaced
-from amaze_autonomy.recording.storage import is_as_listed, read_json, remove_part, session_name, write_json
+from amaze_autonomy.recording.storage import PARTS, is_as_listed, read_json, remove_part, session_name, write_json
 
 from ...ros.errors import CallError
 from ...ros.interface import ros_time
@@ -351,6 +351,10 @@ class RecorderCollector:
         machine = Collector(self.machine.setup)
         machine.remember(self._share.now_ns(), content)
         self.machine = machine
+        if machine.taken_out and machine.phase is not RecordingPhase.COMPLETE:
+            names = " and ".join(machine.taken_out)
+            words = "recording.yaml has no %s any more, which is of session %s: put it back, and start this node again"
+            rospy.logwarn(f"{words}, else its part is a loss", names, machine.session_id)
 
     def forget(self) -> None:
         """Begin anew."""
@@ -390,6 +394,9 @@ class Collection:
     def request(self, folder: Path, collector: Collector) -> Dict[str, Any]:
         """Return what the job shall do that makes one recording of all parts."""
         sources = [self.source(folder, collector, name) for name, view in collector.views.items() if view.began]
+        taken_out = collector.taken_out
+        came = [name for name, view in taken_out.items() if view.fetched and (folder / name / PARTS).is_file()]
+        sources += [self.source(folder, collector, name) for name in came]
         return {
             "do": "collect",
             "output": str(folder / f"{folder.name}.bag"),
@@ -402,6 +409,7 @@ class Collection:
                 "flights": collector.flights,
                 "tolerated_topics": resolved(self._configuration.recording.tolerated_topics),
                 "absent": [name for name, view in collector.views.items() if not view.began],
+                "taken_out": {name: view.part.location for name, view in taken_out.items() if name not in came},
                 "configuration_hash": self._configuration.hash,
             },
         }
@@ -426,8 +434,9 @@ class Collection:
 
     def source(self, folder: Path, collector: Collector, name: str) -> Dict[str, Any]:
         """Return what the job is told of a platform's part."""
-        view, own = collector.views[name], name == collector.setup.own
-        in_place = own or (self.transfers[name].by == "here" and not misplaced(view.part.location, folder / name))
+        view, own = collector.of_session[name], name == collector.setup.own
+        here = name in self.transfers and self.transfers[name].by == "here"
+        in_place = own or (here and not misplaced(view.part.location, folder / name))
         correction = correction_ns(list(view.offsets.values()))
         return {
             "platform": name,
