@@ -116,7 +116,7 @@ def test_it_is_missing_in_the_end_as_well_and_a_retry_goes_on_when_it_answers():
     fleet.silent["second"] = False
     fleet.say("second", PHASE.COMPLETE)
     assert fleet.stop() == Answer(accepted=True)
-    fleet.go_on(0.5)
+    fleet.go_on(1.5)
     assert fleet.collector.phase is PHASE.TRANSFERRING
 
 
@@ -382,6 +382,70 @@ def test_after_a_collection_that_failed_a_retry_has_every_part_listed_anew_befor
     assert asked[:2] == stops
     assert [each.platform for each in asked[2:] if isinstance(each, Transfer)] == ["second"]
     assert len(asked) == 3
+    assert fleet.collector.phase is PHASE.TRANSFERRING
+
+
+def begun_anew(answers):
+    """Return a fleet whose second platform was started anew, says COMPLETE, and was asked to record again."""
+    fleet = recording().go_on(1.0)
+    obeys, pending = fleet.answer, []
+
+    def answer(command):
+        if (command.platform, command.verb) != ("second", "start"):
+            obeys(command)
+        else:
+            pending.append(command)
+            if answers is not None:
+                fleet.silent["second"] = True  # nothing is heard of it any more
+                fleet.collector.answered("second", "start", "s1", answers)
+
+    fleet.answer = answer
+    fleet.say("second", PHASE.COMPLETE)
+    fleet.go_on(0.1)
+    assert pending == [Ask("second", "start")]
+    return fleet
+
+
+def test_a_word_from_before_it_was_asked_to_record_does_not_say_that_a_part_is_closed():
+    """It was started anew in flight, and records again; the cable is cut before it can say so."""
+    fleet = begun_anew(Answer(accepted=True))
+    fleet.go_on(60.0)
+    asked = len(fleet.commands)
+    fleet.stop()
+    fleet.go_on(2.0)
+    assert set(fleet.commands[asked:]) == {Ask("main", "stop"), Ask("second", "stop")}
+    fleet.go_on(40.0)
+    assert (fleet.status.phase, fleet.status.message) == (
+        PHASE.FAILED,
+        f"the part of second is missing: second does not answer (no such service). {LIES}",
+    )
+    fleet.silent["second"] = False
+    fleet.say("second", PHASE.RECORDING)
+    fleet.stop()
+    fleet.go_on(0.5)
+    assert fleet.collector.phase is PHASE.TRANSFERRING
+
+
+def test_a_platform_whose_answer_is_on_its_way_when_the_stop_is_asked_is_stopped_before_its_part_is_fetched():
+    fleet = begun_anew(None)
+    fleet.stop()
+    fleet.go_on(1.5)
+    assert (fleet.collector.phase, fleet.asked(Transfer)) == (PHASE.STOPPING, [])
+    asked = len(fleet.commands)
+    fleet.collector.answered("second", "start", "s1", Answer(accepted=True))
+    fleet.go_on(0.5)
+    assert fleet.commands[asked:] == [Ask("second", "stop")]
+    assert fleet.collector.phase is PHASE.STOPPING, "the word before may still be on its way"
+    fleet.go_on(1.0)
+    assert fleet.collector.phase is PHASE.TRANSFERRING
+
+
+def test_a_platform_that_was_asked_to_record_and_refused_is_closed_as_it_said():
+    fleet = begun_anew(Answer(accepted=False, message="no space"))
+    fleet.stop()
+    asked = len(fleet.commands)
+    fleet.go_on(0.5)
+    assert Ask("second", "stop") not in fleet.commands[asked:]
     assert fleet.collector.phase is PHASE.TRANSFERRING
 
 

@@ -142,6 +142,7 @@ class PlatformView:
         self.fetched = False
         self.fetched_fraction = 0.0
         self.fetch_again_ns = self.fetch_moved_ns = 0
+        self.begins = False  # it was asked to record, and has not said since that it does
         self.anew = False  # it is to be asked to list its part anew
         self.anew_ns: Optional[int] = None  # when it said that it does
 
@@ -325,6 +326,7 @@ class Collector:
         said = next((each for each in status.platforms if each.platform == platform), view.part)
         if status.session_id == self.session_id and status.session_id:
             view.began = view.began or status.phase is not Phase.IDLE
+            view.begins = view.begins and status.phase not in WRITING
             view.part = said
         else:  # of the computer, whatever it records
             view.part = _of_computer(view.part, said)
@@ -355,8 +357,10 @@ class Collector:
             return
         if verb == "start" and answer.accepted:
             view.began = True
-        if verb == "stop" and answer.accepted and view.anew:
-            view.anew, view.anew_ns = False, self._t_ns
+        if verb == "start" and not answer.accepted:
+            view.begins = False
+        if verb == "stop" and answer.accepted and (view.anew or view.begins):
+            view.anew, view.begins, view.anew_ns = False, False, self._t_ns
         view.refusal = "" if answer.accepted else f"{platform}: {answer.message}"
 
     def unanswered(self, platform: str, problem: str) -> None:
@@ -472,7 +476,7 @@ class Collector:
         for view in self.views.values():
             view.anew = view.anew and not self._lost(view, t_ns)  # then its list has to do as it is
             again = view.asked_ns is None or not self._failed(view)
-            if not self._closing(view) and again and view.may_ask(t_ns, _ASK_AGAIN_NS):
+            if (view.begins or not self._closing(view)) and again and view.may_ask(t_ns, _ASK_AGAIN_NS):
                 commands.append(self._ask(view, "stop", t_ns))
             if self._closing(view):
                 commands += self._measure(view, "stop")
@@ -510,11 +514,12 @@ class Collector:
     def _closed(self, view: PlatformView) -> bool:
         """Return whether a platform's part is closed, or it never had one.
 
-        Asked to list it anew it says so at once; what it said before may still be on its way.
+        Asked to list it anew it says so at once; what it said before may still be on its way. Asked to record it may do
+        so, whatever it said before, until it has heard that it shall stop.
         """
         if view.session(self.session_id) and view.status.phase is Phase.COMPLETE:
             known = view.anew_ns is None or (view.heard_ns or 0) - view.anew_ns >= _ASK_AGAIN_NS
-            return known and not view.anew
+            return known and not view.anew and not view.begins
         return not view.began and bool(view.refusal)
 
     def _transfer(self, t_ns: int) -> List[Command]:
@@ -576,6 +581,7 @@ class Collector:
 
     def _ask(self, view: PlatformView, verb: str, t_ns: int, session_id: str = "") -> Ask:
         view.asking, view.asked_ns = True, t_ns
+        view.begins = view.begins or verb == "start"
         return Ask(view.name, verb, session_id)
 
     def _measure(self, view: PlatformView, when: str) -> List[Command]:
