@@ -159,6 +159,8 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
         mission_id="m",
         stopped_ns=5,
         flights=[[1, 4]],
+        set_back_ns=7,
+        begun=2,
         wanted=collector_setup(configuration).wanted,
     )
     request = Collection(configuration, transfers).request(tmp_path / "s1_m", collector)
@@ -174,8 +176,10 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
     assert wanted[0]["states"]["topics"][:3] == ["/autonomy/journal", "/autonomy/state", "/watchdog/action"]
     listed = [platform_setup(configuration, name).groups for name in ("main", "second")]
     assert wanted == [{group.name: group.configured for group in groups} for groups in listed]
-    told = {name: request["facts"][name] for name in ("stopped_ns", "flights", "tolerated_topics", "absent")}
-    assert told == {"stopped_ns": 5, "flights": [[1, 4]], "tolerated_topics": (), "absent": ["third"]}
+    assert {each["begun"] for each in request["sources"]} == {2}
+    times = {name: request["facts"][name] for name in ("stopped_ns", "flights", "set_back_ns")}
+    assert times == {"stopped_ns": 5, "flights": [[1, 4]], "set_back_ns": 7}
+    assert (request["facts"]["tolerated_topics"], request["facts"]["absent"]) == ((), ["third"])
     assert request["facts"]["taken_out"] == {"emptied": "/rec/emptied", "far": "/rec/far"}
 
 
@@ -191,7 +195,7 @@ def test_what_a_stranger_says_of_a_parts_place_is_neither_fetched_nor_merged(tmp
     assert jobs.fetch(transfer, str(elsewhere), session / "second", lambda _: None) == words
     assert not session.exists()
     view = SimpleNamespace(offsets={}, part=PlatformStatus("second", location=str(elsewhere)))
-    collector = SimpleNamespace(of_session={"second": view}, setup=SimpleNamespace(own="main"), wanted={})
+    collector = SimpleNamespace(of_session={"second": view}, setup=SimpleNamespace(own="main"), begun=1, wanted={})
     collection = Collection(load_configuration(config_folder()), {"second": transfer})
     assert collection.source(session, collector, "second")["folder"] == str(session / "second")
     view.part = PlatformStatus("second", location=f"{tmp_path}/disk/s1_m/second")

@@ -13,7 +13,7 @@ from bag_tools import bag, rows, unclosed
 from amaze_autonomy.recording.job import Plan, Source
 from amaze_autonomy.recording.parts import close_parts
 
-MEASURED = {"start": {"offset_ns": 0, "error_ns": 1000, "at_ns": 1}}
+MEASURED = {when: {"offset_ns": 0, "error_ns": 1000, "at_ns": 1} for when in ("start", "stop")}
 FACTS = {"session_id": "s1", "platform": "main", "gaps": [], "dropped": 0}
 
 

@@ -17,7 +17,8 @@ from amaze_autonomy.recording import (
     ProcessStatus,
     Status,
 )
-from amaze_autonomy.recording.status import Ask, Recover, Signal, Space, StartChild
+from amaze_autonomy.recording.collector import Offset
+from amaze_autonomy.recording.status import Ask, MeasureClock, Recover, Signal, Space, StartChild
 
 S = 1_000_000_000
 MS = 1_000_000
@@ -128,6 +129,7 @@ class Fleet:
         self.said = {name: Status(platforms=(PlatformStatus(name),)) for name in platforms}
         self.silent = dict.fromkeys(platforms, False)
         self.refuses = dict.fromkeys(platforms, "")
+        self.measures = True
         self.commands = []
         self.phases = [PHASE.IDLE]
 
@@ -145,6 +147,8 @@ class Fleet:
             self.commands.append(command)
             if isinstance(command, Ask):
                 self.answer(command)
+            elif isinstance(command, MeasureClock) and self.measures:
+                self.collector.clock_measured(command.platform, command.when, Offset(0, 1, self.now_ns))
         if self.collector.phase is not self.phases[-1]:
             self.phases.append(self.collector.phase)
 

@@ -1,5 +1,7 @@
 """What was not recorded, from the files alone."""
 
+import pytest
+
 from amaze_autonomy.recording.losses import Account, Numbers, Written, account, recorded, written
 
 S = 1_000_000_000
@@ -98,6 +100,16 @@ def test_a_file_of_which_a_power_cut_left_no_byte_shows_nothing():
     empty = Written("a", 1, closed=False, empty=True)
     assert recorded([empty], [], {"a": seen(1, 2, None)}) == {"a": [None, None]}
     assert recorded([empty, file(2, 25, 30)], [], {"a": seen(1, 2, 40)}) == {"a": [25 * S, 40 * S]}
+
+
+@pytest.mark.parametrize("empty", [Written("a", 1, 1, empty=True), Written("a", 2, empty=True)])
+def test_of_a_last_file_of_which_there_is_no_byte_all_is_missing_though_it_was_closed(empty):
+    """A power cut came when the recorder had closed it, and before the disk had it."""
+    files = [empty, file(1, 0, 3)]
+    assert account(files, []).open_ends == {"a": 3 * S}
+    assert recorded(files, [], {"a": seen(1, 0, 60)}) == {"a": [0, 3 * S]}
+    seen_before = [gap(2, 0.3, "killed by SIGKILL", **between(3, 3.3))]
+    assert account(files, seen_before).open_ends == ({"a": 3 * S} if empty.number == 2 else {})
 
 
 def test_a_file_that_was_split_and_is_not_there_is_a_gap():

@@ -611,6 +611,39 @@ def test_a_clock_that_could_not_be_measured_is_asked_for_again():
     assert len(fleet.asked(MeasureClock)) == 3
 
 
+def test_a_clock_that_could_not_be_measured_at_the_stop_is_asked_for_again_while_parts_come():
+    """Else it may have been stepped, and all that its platform lacks counts."""
+    fleet = transferring()
+    fleet.measures = False
+    fleet.collector.clock_measured("second", "stop", None)
+    fleet.go_on(6.0)
+    moments = [MeasureClock("second", when) for when in ("start", "stop", "stop")]
+    assert fleet.asked(MeasureClock) == moments
+    fetched(fleet)
+    fleet.collector.clock_measured("second", "stop", None)
+    fleet.silent["second"] = True
+    fleet.go_on(0.2)
+    assert fleet.collector.phase is PHASE.MERGING, "it is asked for in vain"
+
+
+@pytest.mark.parametrize("answers", [False, True])
+def test_a_merge_waits_for_a_clock_that_is_being_measured_and_not_for_ever(answers):
+    fleet = recording()
+    fleet.measures = False
+    fleet.stop()
+    fleet.go_on(0.5)
+    fetched(fleet)
+    fleet.go_on(2.0)
+    assert fleet.collector.phase is PHASE.TRANSFERRING
+    if answers:
+        fleet.collector.clock_measured("second", "stop", Offset(3, 1, 5))
+        fleet.go_on(0.2)
+    else:
+        fleet.go_on(3.0)
+    assert (fleet.collector.phase, fleet.asked(Collect)) == (PHASE.MERGING, [Collect()])
+    assert ("stop" in fleet.collector.views["second"].offsets) is answers
+
+
 @pytest.mark.parametrize("killed", [False, True])
 def test_the_clocks_of_a_session_that_goes_on_after_its_end_are_measured_again(killed):
     """The other computer may have been started anew meanwhile, with another clock."""
@@ -629,7 +662,8 @@ def test_the_clocks_of_a_session_that_goes_on_after_its_end_are_measured_again(k
     moments = ["start", "stop", "start-2", "stop-2"]
     assert [each.when for each in fleet.asked(MeasureClock)] == moments
     fleet.collector.clock_measured("second", "start-2", Offset(3600 * S, 1, 9))
-    assert list(fleet.collector.views["second"].offsets) == moments[:3]
+    offsets = fleet.collector.views["second"].offsets
+    assert (list(offsets), offsets["start-2"].offset_ns) == (moments, 3600 * S)
 
 
 def test_another_process_goes_on_where_this_one_was_killed():
@@ -643,7 +677,8 @@ def test_another_process_goes_on_where_this_one_was_killed():
     other.say("second", PHASE.COMPLETE)
     other.go_on(0.3)
     assert other.commands == [CopyJournal(), Collect()]
-    assert other.collector.views["second"].offsets == {"start": Offset(3_000_000_000, 100, 5)}
+    offsets = other.collector.views["second"].offsets
+    assert (list(offsets), offsets["start"]) == (["start", "stop"], Offset(3_000_000_000, 100, 5))
 
 
 @pytest.mark.parametrize("killed_in", [PHASE.RECORDING, PHASE.STOPPING])
@@ -707,6 +742,31 @@ def test_a_stamp_that_is_wrong_makes_a_flight_longer_and_never_shorter():
     for stamp_s, came_s, in_flight in ((99, 1, False), (3, 3, True), (1, 7, False)):
         fleet.collector.heard_engine(stamp_s * S, came_s * S, "s1", in_flight=in_flight)
     assert fleet.collector.flights == [[1 * S, 7 * S]]
+
+
+@pytest.mark.parametrize("in_flight", [False, True])
+def test_a_clock_that_is_set_back_while_the_session_is_recorded_is_noticed(in_flight):
+    fleet = Fleet()
+    fleet.start()
+    for came_s in (100, 103, 102.95, 43, 44):
+        fleet.collector.heard_engine(round(came_s * S), round(came_s * S), "s1", in_flight=in_flight)
+    again = Fleet()
+    again.collector.remember(0, json.loads(json.dumps(fleet.collector.memory())))
+    assert [each.collector.set_back_ns for each in (fleet, again)] == [59_950_000_000] * 2
+    engine(fleet, "s1", in_flight=False)
+    fleet.collector.interrupted(fleet.now_ns)
+    assert fleet.start("s2") == Answer(accepted=True)
+    assert fleet.collector.set_back_ns == 0
+
+
+@pytest.mark.parametrize("phase", [PHASE.RECORDING, PHASE.FAILED])
+def test_a_clock_that_is_set_back_before_the_stop_is_noticed_and_one_before_a_retry_is_no_matter(phase):
+    fleet = recording()
+    fleet.collector.heard_engine(100 * S, 100 * S, "s1", in_flight=False)
+    if phase is PHASE.FAILED:
+        fleet.collector.interrupted(fleet.now_ns, 101 * S)
+    fleet.collector.stop(fleet.now_ns, "s1", 40 * S)
+    assert fleet.collector.set_back_ns == (60 * S if phase is PHASE.RECORDING else 0)
 
 
 def test_a_takeoff_that_nobody_saw_is_as_old_as_the_recording():

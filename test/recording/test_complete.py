@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 from bag_tools import contents, digest, multiset, rows
-from part_tools import FACTS, killed, modes, open_to_others, part, plan, small_storage, two_platforms
+from part_tools import FACTS, MEASURED, killed, modes, open_to_others, part, plan, small_storage, two_platforms
 from replay_bags import START_NS, make, write_empty_bag
 
 from amaze_autonomy.bags.cli import main
@@ -188,15 +188,16 @@ def test_a_platform_that_began_after_the_takeoff_by_its_own_clock_lacks_what_cam
     part(session / "main", ("states-01.bag", [rows("/a", 800)]), **seen("states", 0, 80))
     late = rows("/c", 400, first_ms=33_000)  # its clock is 3 s ahead: it began at 30 s
     part(session / "second", ("realsense-01.bag", [late]), platform="second", **seen("realsense", 33, 83))
-    clock = {"start": {"offset_ns": 3 * S, "error_ns": 1000, "at_ns": 1}}
-    sources = (
-        Source("main", session / "main"),
-        Source("second", session / "second", fetched=True, far=True, clock=clock),
-    )
     flight = {"flights": [[START_NS + 10 * S, START_NS + 70 * S]], "stopped_ns": START_NS + 80 * S}
-    summary = collect(Plan(session / "s1_m.bag", sources, facts=flight))
     words = "second/realsense: the first 20.0 s of the flight: its recording was begun after the takeoff"
-    assert summary.lost_in_flight == (words,)
+    for moments in (("start", "stop"), ("start",)):  # at the stop it could not be asked
+        clock = {when: {"offset_ns": 3 * S, "error_ns": 1000, "at_ns": 1} for when in moments}
+        sources = (
+            Source("main", session / "main"),
+            Source("second", session / "second", fetched=True, far=True, clock=clock),
+        )
+        summary = collect(Plan(session / "s1_m.bag", sources, facts=flight))
+        assert summary.lost_in_flight == (words,)
 
 
 def test_on_a_platform_whose_clock_nobody_measured_every_gap_may_lie_in_the_flight(tmp_path):
@@ -207,8 +208,13 @@ def test_on_a_platform_whose_clock_nobody_measured_every_gap_may_lie_in_the_flig
     part(session / "second", *files, platform="second")
     flight = {"flights": [[START_NS + 61 * S, START_NS + 75 * S]], "stopped_ns": START_NS + 80 * S}
     gap = "second/realsense: 15.0 s, in which nothing was recorded (it was stopped and started again)"
-    for clock, lost in (({}, (gap,)), ({"start": {"offset_ns": 0, "error_ns": 1000, "at_ns": 1}}, ())):
-        far = Source("second", session / "second", fetched=True, far=True, clock=clock)
+    again = {**MEASURED, "start-2": MEASURED["start"]}  # and by its end it may have been stepped
+    start, stop = ({when: MEASURED[when]} for when in ("start", "stop"))
+    for begun, clock, lost in (
+        (1, {}, (gap,)), (1, start, (gap,)), (1, stop, (gap,)), (1, MEASURED, ()),
+        (2, again, (gap,)), (2, {**again, "stop-2": MEASURED["stop"]}, ()),
+    ):  # fmt: skip
+        far = Source("second", session / "second", fetched=True, far=True, begun=begun, clock=clock)
         summary = collect(Plan(session / "s1_m.bag", (Source("main", session / "main"), far), facts=flight))
         assert (summary.lost, summary.lost_in_flight) == ((gap,), lost)
 
@@ -245,6 +251,27 @@ def test_a_clock_that_was_stepped_is_said_though_every_message_is_there(tmp_path
     (step,) = summary.lost_in_flight
     assert step.startswith("second/its clock, or the collector's, was stepped by 0.5 s during the recording: ")
     assert summary.message.endswith(f"verified; lost: {step}")
+
+
+def test_where_the_clock_of_the_collector_was_set_back_every_gap_may_lie_in_the_flight(tmp_path):
+    """100 s into the flight an hour is taken from it: who listened says so, or a flight that ends before it began."""
+    session, hour_ns = two_platforms(tmp_path), 3600 * S
+    full = {"group": "states", "file": 1, "inside": True, "ending": "the storage was full", "seconds": 20.0}
+    times = {"from_ns": START_NS + 40 * S, "to_ns": START_NS + 60 * S}
+    part(session / "main", gaps=[{**full, **times}])
+    gap = "main/states: 20.0 s, in which nothing was recorded (the storage was full)"
+    before, after = ([[START_NS + s * S, START_NS + s * S + 10 * S]] for s in (0, 100))
+    back = (
+        "the collector's clock was set back by {:,.1f} s during the recording: its record times are left as they are, "
+        "and do not tell what was lost in the flight"
+    )
+    for flights, set_back_ns, lost in (
+        (before, 0, ()), (after, hour_ns, (back.format(3600), gap)),
+        ([[START_NS + 2 * S, START_NS + 200 * S - hour_ns]], 0, (back.format(3402), gap)),
+    ):  # fmt: skip
+        facts = {"flights": flights, "set_back_ns": set_back_ns, "stopped_ns": START_NS + 300 * S}
+        summary = collect(plan(session, facts=facts))
+        assert (gap in summary.lost, summary.lost_in_flight) == (True, lost)
 
 
 def test_while_a_clock_drifts_what_may_lie_in_the_flight_counts(tmp_path):

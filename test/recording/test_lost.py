@@ -52,6 +52,18 @@ def test_the_end_of_an_open_file_is_told_by_the_gap_that_follows_it():
     assert losses(content, START_NS + S) == [gap, "cameras: up to 1.0 s at the end (its last file was not closed)"]
 
 
+def test_where_a_clock_may_have_been_stepped_what_was_lost_counts_whenever_it_was_by_that_clock():
+    entry = {"file": "cameras-02.recovered.bag", "recovered_from": "cameras-02.bag.active", "lost": None}
+    after = {**GAP, "from_ns": START_NS + 60 * S, "to_ns": START_NS + 61 * S}
+    content = {"files": [entry], "gaps": [after], "open_ends": {"cameras": START_NS + 70 * S}}
+    told = Wanted(end_ns=START_NS + 50 * S, flights=((START_NS, START_NS + 40 * S),))
+    assert all_losses(content, told) == []
+    assert all_losses(content, told._replace(sure=False)) == [
+        Loss("cameras: 0.4 s, in which nothing was recorded (killed by SIGKILL)"),
+        Loss("cameras: an unknown time at the end (its last file was not closed)"),
+    ]
+
+
 def test_what_was_not_closed_may_have_missed_all_until_the_end():
     content = {"files": [], "open_ends": {"cameras": START_NS}}
     assert losses(content, START_NS + 12 * S) == ["cameras: up to 12.0 s at the end (its last file was not closed)"]

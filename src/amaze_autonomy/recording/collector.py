@@ -92,6 +92,11 @@ def best(exchanges: Sequence[Exchange]) -> Optional[Offset]:
     return Offset(chosen.offset_ns, (chosen.round_trip_ns + 1) // 2, chosen.arrived_ns)
 
 
+def moment(when: str, begun: int) -> str:
+    """Return the name of an offset: that of the start or the stop, of the session as often as it was begun."""
+    return when if begun == 1 else f"{when}-{begun}"
+
+
 _DRIFT_PPM = 500  # NTP slews a clock by no more (RFC 5905, MAXFREQ); a crystal drifts by a tenth of that
 _LEAST_STEP_NS = 100_000_000  # chrony slews faster, to take away a little offset; what is shorter is told of no gap
 
@@ -194,6 +199,7 @@ class PlatformView:
 _ASK_AGAIN_NS = 1 * SECOND
 _TRANSFER_AGAIN_NS = 2 * SECOND
 _MEASURE_AGAIN_NS = 5 * SECOND
+_MEASURE_LIMIT_NS = 5 * SECOND  # that a merge waits for a clock: unmeasured, all that its platform lacks counts
 _JOB_TRIES = 25
 _CLOSING = (Phase.STOPPING, Phase.RECOVERING)
 _COLLECTING = (Phase.TRANSFERRING, Phase.MERGING, Phase.VERIFYING)
@@ -255,12 +261,14 @@ class Collector:
         self._copied = self._uncollected = False
         self._fetches = 0
         self._summary: Mapping[str, Any] = {}
-        self._begun = 0  # how often the session was: it may go on after its end
+        self.begun = 0  # how often the session was: it may go on after its end
         self.stopped_ns: Optional[int] = None
         self.flights: Optional[List[List[Optional[int]]]] = None  # from takeoff to landing; None: nobody said
         self.wanted = setup.wanted  # when the session began: who collects it later may have another configuration
         self.keep_parts = setup.keep_parts  # likewise
         self._engine_ns: Optional[int] = None
+        self._last_ns: Optional[int] = None  # the last time that was heard of the clock that stamps
+        self.set_back_ns = 0  # by how much that was set back while the session was recorded
         self._engine: Optional[Tuple[int, str, bool]] = None  # its last status: when it came, session, in flight
 
     @property
@@ -285,9 +293,10 @@ class Collector:
             self.views, self.taken_out = {name: view.fresh() for name, view in self.views.items()}, {}
             self.location, self._copied, self._summary = "", False, {}
             self.flights = self._engine_ns = None
-            self._begun, self.wanted, self.keep_parts = 0, self.setup.wanted, self.setup.keep_parts
-        self._begun += 1
-        self.session_id, self.mission_id, self.stopped_ns = session_id, mission_id, None
+            self.set_back_ns = 0
+            self.begun, self.wanted, self.keep_parts = 0, self.setup.wanted, self.setup.keep_parts
+        self.begun += 1
+        self.session_id, self.mission_id, self.stopped_ns, self._last_ns = session_id, mission_id, None, None
         self._uncollected = False
         for view in self.views.values():
             view.refusal = ""
@@ -309,6 +318,8 @@ class Collector:
         if not session_id or session_id != self.session_id:
             return Answer(accepted=False, message=f"session {session_id!r} was not recorded here")
         if self.phase in (*WRITING, Phase.FAILED):
+            if self.phase in WRITING:
+                self._see_clock(wall_ns)
             self.stopped_ns = wall_ns if self.stopped_ns is None else self.stopped_ns
             for view in self.views.values():
                 view.refusal, view.asked_ns = "", None
@@ -343,11 +354,21 @@ class Collector:
         if self.flights is None:
             self.flights = []
         flies = bool(self.flights) and self.flights[-1][1] is None
+        if flies or self.phase in WRITING:
+            self._see_clock(came_ns)
         if in_flight and not flies:
             self.flights.append([self._engine_ns or 0, None])
         elif flies and not in_flight:
             self.flights[-1][1] = max(stamp_ns, came_ns)
         self._engine_ns = min(stamp_ns, came_ns)
+
+    def _see_clock(self, wall_ns: Optional[int]) -> None:
+        """Take a time of the clock that stamps: one that is before the last says that the clock was set back."""
+        if wall_ns is None:
+            return
+        back_ns = (self._last_ns or wall_ns) - wall_ns
+        self.set_back_ns = max(self.set_back_ns, back_ns if back_ns > _LEAST_STEP_NS else 0)
+        self._last_ns = wall_ns
 
     def answered(self, platform: str, verb: str, session_id: str, answer: Answer) -> None:
         """Take the answer of a platform to what it was asked."""
@@ -419,6 +440,7 @@ class Collector:
     def interrupted(self, t_ns: int, wall_ns: Optional[int] = None) -> None:
         """Take notice that the process ends: what it recorded waits for somebody to ask for it."""
         if self.phase in WRITING:
+            self._see_clock(wall_ns)
             self.stopped_ns = wall_ns
             self._fail(t_ns, "the recorder node was ended while it recorded; its part is closed, retry collects it")
 
@@ -525,14 +547,15 @@ class Collector:
     def _transfer(self, t_ns: int) -> List[Command]:
         """Fetch the parts, all at the same time; what fails is tried again within the limit."""
         parts = [self.views[name] for name in self.setup.fetched if self.views[name].began]
+        clocks = [command for view in parts if self._fresh(view, t_ns) for command in self._measure(view, "stop")]
         waiting = [view for view in parts if not view.fetched]
-        if not waiting:
+        if not waiting and (t_ns - self._since_ns >= _MEASURE_LIMIT_NS or not any(view.measuring for view in parts)):
             self._enter(Phase.MERGING, t_ns)
-            return self._collect(t_ns)
+            return [*clocks, *self._collect(t_ns)]
         late = t_ns - self._since_ns >= self.setup.transfer_limit_ns
-        if late and not any(self._comes(view, t_ns) for view in waiting):
+        if waiting and late and not any(self._comes(view, t_ns) for view in waiting):
             return self._give_up(waiting, t_ns)
-        commands: List[Command] = [
+        commands: List[Command] = clocks + [
             self._fetch(view, t_ns) for view in waiting if not view.fetching and t_ns >= view.fetch_again_ns
         ]
         self._progress = sum(1.0 if view.fetched else view.fetched_fraction for view in parts) / len(parts)
@@ -586,7 +609,7 @@ class Collector:
 
     def _measure(self, view: PlatformView, when: str) -> List[Command]:
         """Measure a clock, once at each start and stop: a computer may come back with another one."""
-        when = when if self._begun == 1 else f"{when}-{self._begun}"
+        when = moment(when, self.begun)
         if view.name == self.setup.own or when in view.measured or self._t_ns < view.measure_again_ns:
             return []
         view.measured.append(when)
@@ -668,13 +691,14 @@ class Collector:
         return {
             "session_id": self.session_id,
             "mission_id": self.mission_id,
-            "begun": self._begun,
+            "begun": self.begun,
             "phase": self.phase.name,
             "location": self.location,
             "message": self._message,
             "uncollected": self._uncollected,
             "summary": dict(self._summary),
             "stopped_ns": self.stopped_ns,
+            "set_back_ns": self.set_back_ns,
             "flights": None if self.flights is None else [list(each) for each in self.flights],
             "wanted": {name: dict(groups) for name, groups in self.wanted.items()},
             "keep_parts": self.keep_parts,
@@ -686,7 +710,7 @@ class Collector:
         self.session_id, self.mission_id = str(memory["session_id"]), str(memory["mission_id"])
         for name, value in memory["platforms"].items():
             (self.views if name in self.views else self.taken_out)[name] = PlatformView.of_memory(name, value)
-        self._begun = int(memory.get("begun", 1))
+        self.begun = int(memory.get("begun", 1))
         phase = Phase[memory["phase"]]
         if phase is Phase.RECOVERING:
             phase = Phase.STOPPING
@@ -698,7 +722,7 @@ class Collector:
         for view in self.views.values():
             view.anew = phase is Phase.STOPPING and self._uncollected
         self._summary, self.stopped_ns = dict(memory["summary"]), memory.get("stopped_ns")
-        self.flights = memory.get("flights")
+        self.flights, self.set_back_ns = memory.get("flights"), int(memory.get("set_back_ns", 0))
         self.wanted = {str(name): dict(groups) for name, groups in memory.get("wanted", self.setup.wanted).items()}
         self.keep_parts = bool(memory.get("keep_parts", True))
 

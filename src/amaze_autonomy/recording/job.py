@@ -34,7 +34,7 @@ from amaze_autonomy.engine.events import RecordingPhase as Phase
 from amaze_autonomy.files import sha256_of
 from amaze_autonomy.units import MB, SECOND
 
-from .collector import Offset, clock_step_ns
+from .collector import Offset, clock_step_ns, moment
 from .errors import RecordingError
 from .losses import EDGE_NS, Loss, Wanted, losses, not_configured
 from .parts import Part, check_arrived, close_parts, recover_damaged, whole_bags
@@ -55,7 +55,8 @@ class Source(NamedTuple):
         fetched: it came over the network, so its checksums are looked at.
         far: it was recorded on another computer, whose clock is another one.
         correction_ns: added to its record times.
-        clock: what was measured of its clock, for the manifest.
+        begun: how often the session was: as often its clock was to be measured.
+        clock: what was measured of it, for the manifest.
         wanted: its groups by the configuration of the collector.
     """
 
@@ -64,6 +65,7 @@ class Source(NamedTuple):
     fetched: bool = False
     far: bool = False
     correction_ns: int = 0
+    begun: int = 1
     clock: Mapping[str, Any] = {}
     wanted: Mapping[str, Any] = {}
 
@@ -118,6 +120,7 @@ def collect(plan: Plan, report: Optional[Report] = None) -> Summary:
         RecordingError: A part did not arrive as it was sent, or the result is not what it should be.
     """
     tried: Set[str] = set()
+    plan = plan._replace(facts=_known(plan.facts))
     while True:
         try:
             return _collected(plan, report)
@@ -227,6 +230,7 @@ def _inputs(plan: Plan) -> _Inputs:
         RecordingError: A part did not arrive as it was sent, or there is no bag at all.
     """
     lost = [Loss(f"{name}: its part, nothing of this session is there") for name in plan.facts.get("absent", ())]
+    lost += _set_back(plan.facts)
     lost += [_taken_out(name, location) for name, location in plan.facts.get("taken_out", {}).items()]
     found = _Inputs([], [], [], {}, [], {}, lost + _began_late(plan.facts) + _ended_early(plan.facts))
     for origin, source in enumerate(plan.sources):
@@ -277,6 +281,23 @@ def _undecodable(paths: Sequence[Path], facts: Mapping[str, Any]) -> List[Loss]:
     return [Loss(f"{topic}: {UNDECODABLE}", topic not in tolerated) for topic in sorted(topics)]
 
 
+def _known(facts: Mapping[str, Any]) -> Dict[str, Any]:
+    """Return the facts, without times of the flight where the clock that says them was set back meanwhile."""
+    ended = [(begin, end) for begin, end in facts.get("flights") or () if end is not None]
+    back_ns = max([int(facts.get("set_back_ns", 0)), *(begin - end for begin, end in ended)])
+    return {**facts, "set_back_ns": back_ns, "flights": None, "stopped_ns": None} if back_ns > 0 else dict(facts)
+
+
+def _set_back(facts: Mapping[str, Any]) -> List[Loss]:
+    """Return that the collector's clock was set back: nobody can tell of a time by it whether it was in the flight."""
+    back_ns = facts.get("set_back_ns", 0)
+    words = (
+        f"the collector's clock was set back by {back_ns / SECOND:,.1f} s during the recording: its record times are "
+        "left as they are, and do not tell what was lost in the flight"
+    )
+    return [Loss(words)] if back_ns else []
+
+
 def _taken_out(name: str, location: str) -> Loss:
     """Return the part of a platform that was taken out of the configuration before its part was here."""
     lies = f" (it lies there at {location}, and amaze-bag merge joins it)" if location else ""
@@ -309,7 +330,7 @@ def _wanted(plan: Plan, source: Source, content: Mapping[str, Any]) -> Wanted:
     """Return what was to be recorded on a platform, on its clock; where that is not known, nobody knows when.
 
     While a clock drifts, the flight lasts from its takeoff by the least to its landing by the greatest offset, so that
-    what may lie in it counts.
+    what may lie in it counts. One that was not measured at the beginning and at the end may have been stepped.
     """
     if (source.far and not source.clock) or _stepped(source):
         return Wanted(tolerated=frozenset(plan.facts.get("tolerated_topics", ())), topics=content.get("topics", {}))
@@ -323,6 +344,7 @@ def _wanted(plan: Plan, source: Source, content: Mapping[str, Any]) -> Wanted:
         else tuple((begin and begin + least_ns, None if end is None else end + most_ns) for begin, end in flights),
         tolerated=frozenset(plan.facts.get("tolerated_topics", ())),
         topics=content.get("topics", {}),
+        sure=not source.far or {"start", moment("stop", source.begun)} <= set(source.clock),
     )
 
 

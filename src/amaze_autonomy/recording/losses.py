@@ -184,7 +184,7 @@ class Account(NamedTuple):
     Args:
         gaps: times in which a group was not recorded, with the numbers that are missing over each.
         missing: numbers that are missing elsewhere, by topic.
-        open_ends: time of the last message of each group whose last file was not closed.
+        open_ends: time of the last message of each group whose last file was not closed, or has not one byte.
     """
 
     gaps: List[Dict[str, Any]]
@@ -213,7 +213,7 @@ def account(files: Iterable[Written], gaps: Sequence[Mapping[str, Any]]) -> Acco
         by_group.setdefault(each.group, []).append(each)
     for group, mine in by_group.items():
         _account_group(found, group, [each for each in mine if each.last_ns is not None])
-        if mine and not mine[-1].closed:
+        if mine and (not mine[-1].closed or mine[-1].empty):
             _account_end(found, group, mine)
     return found
 
@@ -253,7 +253,7 @@ def _gap(found: Account, group: str, before: Written, after: Written) -> Optiona
 
 
 def _account_end(found: Account, group: str, files: List[Written]) -> None:
-    """Note the end of a group whose last file is open, unless the machine saw the gap that follows."""
+    """Note the end of a group whose last file is open or empty, unless the machine saw the gap that follows."""
     last = max((each.last_ns for each in files if each.last_ns is not None), default=None)
     seen = any(gap["group"] == group and gap["file"] > files[-1].number for gap in found.gaps)
     if last is not None and not seen:
@@ -299,7 +299,7 @@ def recorded(
         begins = [*(each.first_ns for each in mine), *(gap["from_ns"] for gap in named)]
         ends = [*(each.last_ns for each in mine), *(gap.get("to_ns") for gap in named)]
         begins += [watched["from_ns"]] if first else []
-        ends += [watched["to_ns"]] if mine else []
+        ends += [watched["to_ns"]] if mine and not max(mine, key=lambda each: (each.number, each.split)).empty else []
         lasts = any("to_ns" not in gap for gap in named)
         found[group] = [
             min((each for each in begins if each is not None), default=None),
@@ -333,18 +333,20 @@ class Wanted(NamedTuple):
         flights: from takeoff to landing (None: not landed yet); None: nobody said when it flew, so all of it counts.
         tolerated: topics that may be lost.
         topics: of each group; a group that is not there records what nobody knows.
+        sure: whether the times are right; else its clock may have been stepped, and what was lost counts in any case.
     """
 
     end_ns: Optional[int] = None
     flights: Optional[Sequence[Span]] = None
     tolerated: FrozenSet[str] = frozenset()
     topics: Mapping[str, Sequence[str]] = {}
+    sure: bool = True
 
     def counts(self, group: str, from_ns: Optional[int], to_ns: Optional[int]) -> bool:
         """Return whether what a group did not record in a time makes the data incomplete; None: unknown."""
         if self.topics.get(group) and self.tolerated.issuperset(self.topics[group]):
             return False
-        if self.flights is None or from_ns is None:
+        if self.flights is None or from_ns is None or not self.sure:
             return True
         return any(
             (end_ns is None or from_ns < end_ns) and (to_ns is None or to_ns > begin_ns)
@@ -359,7 +361,8 @@ def losses(content: Mapping[str, Any], wanted: Wanted = Wanted()) -> List[Loss]:
         content: its list (`parts.py`).
         wanted: what was to be recorded.
     """
-    gaps = [gap for gap in (_until(each, wanted.end_ns) for each in content.get("gaps", [])) if gap is not None]
+    until_ns = wanted.end_ns if wanted.sure else None
+    gaps = [gap for gap in (_until(each, until_ns) for each in content.get("gaps", [])) if gap is not None]
     found = _of_files(content, gaps, wanted)
     found += _of_gaps(gaps, wanted)
     found += _of_ends(content.get("open_ends", {}), wanted)
@@ -398,7 +401,7 @@ def _of_files(content: Mapping[str, Any], gaps: Sequence[Mapping[str, Any]], wan
             continue
         times: Tuple[Optional[int], Optional[int]] = (None, None)
         if inside == 0 and not changed:
-            if lost is None and (gap is not None or _is_end_told(last_ns, wanted.end_ns)):
+            if lost is None and (gap is not None or _is_end_told(last_ns, wanted)):
                 continue
             if gap is not None:
                 times = gap.get("from_ns"), gap.get("to_ns")
@@ -413,9 +416,11 @@ def _of_files(content: Mapping[str, Any], gaps: Sequence[Mapping[str, Any]], wan
     return found + [Loss(f"{name}: all of it, it was listed and is not there any more") for name in gone]
 
 
-def _is_end_told(last_ns: Optional[int], end_ns: Optional[int]) -> bool:
+def _is_end_told(last_ns: Optional[int], wanted: Wanted) -> bool:
     """Return whether what the end of an open file lacks is told as such, or came after the stop."""
-    return last_ns is not None and end_ns is not None and not 0 < end_ns - last_ns < _LEAST_NS
+    if last_ns is None or wanted.end_ns is None:
+        return False
+    return not wanted.sure or not 0 < wanted.end_ns - last_ns < _LEAST_NS
 
 
 def _of_gaps(gaps: Sequence[Mapping[str, Any]], wanted: Wanted) -> List[Loss]:
@@ -441,14 +446,14 @@ def _of_ends(open_ends: Mapping[str, int], wanted: Wanted) -> List[Loss]:
     end_ns = wanted.end_ns
     if end_ns is None:
         return []
-    return [
-        Loss(
-            f"{group}: up to {(end_ns - last_ns) / SECOND:.1f} s at the end (its last file was not closed)",
-            wanted.counts(group, last_ns, end_ns),
-        )
-        for group, last_ns in open_ends.items()
-        if end_ns - last_ns >= _LEAST_NS
-    ]
+    found: List[Loss] = []
+    for group, last_ns in open_ends.items():
+        if wanted.sure and end_ns - last_ns < _LEAST_NS:
+            continue
+        how_long = f"up to {(end_ns - last_ns) / SECOND:.1f} s" if wanted.sure else "an unknown time"
+        words = f"{group}: {how_long} at the end (its last file was not closed)"
+        found.append(Loss(words, wanted.counts(group, last_ns, end_ns)))
+    return found
 
 
 def _of_edges(spans: Mapping[str, Sequence[Optional[int]]], open_ends: Mapping[str, int], wanted: Wanted) -> List[Loss]:

@@ -407,6 +407,7 @@ class Collection:
                 "mission_id": collector.mission_id,
                 "stopped_ns": collector.stopped_ns,
                 "flights": collector.flights,
+                "set_back_ns": collector.set_back_ns,
                 "tolerated_topics": resolved(self._configuration.recording.tolerated_topics),
                 "absent": [name for name, view in collector.views.items() if not view.began],
                 "taken_out": {name: view.part.location for name, view in taken_out.items() if name not in came},
@@ -444,6 +445,7 @@ class Collection:
             "fetched": not in_place,
             "far": not own,
             "correction_ns": correction if self._configuration.recording.apply_clock_offset else 0,
+            "begun": collector.begun,
             "clock": {when: offset.as_json() for when, offset in sorted(view.offsets.items())},
             "wanted": collector.wanted.get(name, {}),
         }
