@@ -6,6 +6,8 @@ import hashlib
 import json
 import os
 import shutil
+import socket
+import subprocess
 import sys
 import threading
 import time
@@ -35,6 +37,7 @@ from amaze_autonomy.nodes.recorder.flight_pages import FlightPages
 from amaze_autonomy.nodes.recorder.node import (
     AbsentPlatform,
     DataRecorderNode,
+    RecorderLock,
     RecorderMemory,
     make_recorder,
     recording_status,
@@ -737,6 +740,78 @@ def test_a_folder_of_recordings_that_is_no_whole_path_is_refused_as_the_node_has
     with pytest.raises(StartError) as caught:
         recordings_folder(load_configuration(config_folder()))
     assert (str(caught.value), list(tmp_path.iterdir())) == ("rec: is no whole path; name one with --folder", [])
+
+
+# --- one recorder of a platform in a folder ---------------------------------------------------------------------------
+
+
+HOLDS = (
+    "import sys, time; from pathlib import Path; from amaze_autonomy.nodes.recorder.node import RecorderLock; "
+    "print(RecorderLock(Path(sys.argv[1]), lambda: False).take(), flush=True); time.sleep(60)"
+)
+
+
+@pytest.fixture
+def holder(tmp_path):
+    """Return a process that holds the lock of a folder."""
+    command = [sys.executable, "-c", HOLDS, str(tmp_path / ".recorder-main.lock")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"True\n"
+        yield process
+        process.kill()
+
+
+def lock(tmp_path, platform="main", over=lambda: False):
+    return RecorderLock(tmp_path / f".recorder-{platform}.lock", over)
+
+
+def test_a_second_recorder_of_a_platform_in_a_folder_is_refused_and_told_who_has_it(tmp_path, holder, monkeypatch):
+    monkeypatch.setattr(recorder_node, "_LET_GO_LIMIT_S", 0.2)
+    with pytest.raises(StartError) as caught:
+        lock(tmp_path).take()
+    assert str(caught.value) == (
+        f"{tmp_path}: process {holder.pid} on {socket.gethostname()} records the same platform there; "
+        "end it first, or name another folder with --folder"
+    )
+    assert lock(tmp_path, "second").take(), "another platform on the same storage"
+    assert not lock(tmp_path, over=lambda: True).take(), "who is told to end waits no longer"
+
+
+@pytest.mark.usefixtures("parameters", "holder")
+def test_a_node_that_is_refused_touches_nothing_of_the_other_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_node, "RecorderShare", lambda *_: SimpleNamespace(folder=tmp_path))
+    for name in ("recordings_folder", "RecorderPlatform", "RecorderCollector", "RecorderTeller"):
+        monkeypatch.setattr(recorder_node, name, lambda *_, **__: SimpleNamespace(commands={}))
+    monkeypatch.setattr(recorder_node, "_LET_GO_LIMIT_S", 0.2)
+    node = DataRecorderNode(load_configuration(config_folder()), SimpleNamespace(ros_ns=lambda: 0))
+    with pytest.raises(StartError, match="records the same platform there"):
+        node.run()
+    node._ended = True
+    node.run()  # returns: it would fail with these parts
+    assert left(tmp_path) == [".recorder-main.lock"]
+
+
+def test_the_lock_of_a_recorder_that_ends_or_is_killed_goes_with_it(tmp_path, holder):
+    threading.Timer(0.5, holder.kill).start()
+    assert lock(tmp_path).take()
+    assert modes(tmp_path, ".recorder-main.lock") == {"0o640"}
+
+
+def test_the_lock_is_not_held_by_recorders_which_go_on_without_their_node(tmp_path, children):
+    (tmp_path / "record").write_text("#!/bin/sh\nexec sleep 30\n")
+    assert lock(tmp_path).take()
+    assert children.start("one", 1) == ""
+    pid = children._own["one"].pid
+    wait_for(lambda: Path(f"/proc/{pid}/comm").read_text() == "sleep\n", "its program")
+    held = {os.readlink(each) for each in Path(f"/proc/{pid}/fd").iterdir()}
+    assert held == {"/dev/null", f"{tmp_path}/part/one.log"}
+    children.signal("one", "KILL")
+
+
+def test_a_storage_that_takes_no_lock_keeps_nobody_from_recording(tmp_path, caplog):
+    assert lock(tmp_path / "nothing").take()
+    (said,) = [each for each in caplog.messages if ".recorder-main.lock" in each]
+    assert said.endswith("No such file or directory; no second recorder is kept from this folder")
 
 
 @pytest.mark.usefixtures("parameters")

@@ -561,7 +561,7 @@ class TestRecorder(unittest.TestCase):
         wait_for((session / "flight.html").is_file, "the page", 120.0)
         there, here = (assert_modes(folder) for folder in reversed(recorders.written_in))
         part = {"two-01.bag", "two-02.bag", "two.log", "parts.json"}
-        self.assertEqual({path.name for path in there}, {".recorder-second.json", *part})
+        self.assertEqual({path.name for path in there}, {".recorder-second.json", ".recorder-second.lock", *part})
         self.assertEqual({path.name for path in here if path.parent.name == "second"}, part)
         whole = {f"{session.name}.bag", f"{session.name}.manifest.json", "flight.html", "journal.jsonl"}
         self.assertEqual({path.name for path in here if path.parent == session}, whole)

@@ -32,6 +32,7 @@ from .status import Space
 
 PARTS = "parts.json"
 STATE = ".recorder-{platform}.json"
+LOCK = ".recorder-{platform}.lock"
 
 
 def session_name(session_id: str, mission_id: str) -> str:

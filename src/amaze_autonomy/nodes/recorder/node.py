@@ -27,6 +27,9 @@ A node that was killed goes on where it was: recorders that run are kept, jobs a
 
 from __future__ import annotations
 
+import fcntl
+import os
+import socket
 import threading
 import time
 from contextlib import suppress
@@ -41,9 +44,10 @@ from amaze_autonomy.config import Configuration
 from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.recording import Command, RecordingError
 from amaze_autonomy.recording.status import WRITING, PlatformStatus, Status
-from amaze_autonomy.recording.storage import STATE, read_json, write_json
+from amaze_autonomy.recording.storage import LOCK, STATE, read_json, write_json
 from amaze_autonomy.ros.clock import Clock
 
+from ...ros.errors import StartError
 from ...ros.interface import number, ros_time
 from ...ros.node_main import flag, run_node
 from ..autonomy.run_folder import boot_id
@@ -71,6 +75,7 @@ class DataRecorderNode:
         if name == configuration.recording.collector:
             self._collector = RecorderCollector(self._share, self._platform)
         self._memory = RecorderMemory(self._share.folder / STATE.format(platform=name))
+        self._lock = RecorderLock(self._share.folder / LOCK.format(platform=name), lambda: self._ended)
         self._teller = RecorderTeller(name, collector=self._collector is not None)
         self._commands: Dict[Type[Any], Callable[[Any], None]] = dict(self._platform.commands)
         if self._collector is not None:
@@ -79,7 +84,13 @@ class DataRecorderNode:
         self._ended = False
 
     def run(self) -> None:
-        """Work until `end`."""
+        """Work until `end`.
+
+        Raises:
+            StartError: Another recorder of this platform works in this folder.
+        """
+        if not self._lock.take():
+            return
         self._remember()
         self._platform.begin()
         self._do(self._platform.step())  # what ended while no node was there is seen before anybody asks for anything
@@ -251,6 +262,60 @@ class RecorderMemory:
         """Give the file another name."""
         with suppress(OSError):
             self.path.replace(self.path.with_name(f"{self.path.name}.bad"))
+
+
+# --- recorder lock ----------------------------------------------------------------------------------------------------
+# Two recorders of a platform in one folder would write one memory, start recorders into one file, and end each other's.
+
+
+_LET_GO_LIMIT_S = 12.0  # of one that is told to end, and closes its files first
+
+
+class RecorderLock:
+    """What a recorder holds for as long as its process lives; who kills that ends it, and no process inherits it.
+
+    Args:
+        path: of the file.
+        over: tells whether to wait no longer.
+    """
+
+    def __init__(self, path: Path, over: Callable[[], bool]) -> None:
+        self._path, self._over = path, over
+
+    def take(self) -> bool:
+        """Take it, waiting for one that is just ending; return False when it is over before.
+
+        A storage that cannot lock, or takes no file, hinders nobody from recording.
+
+        Raises:
+            StartError: Another one holds it.
+        """
+        deadline_s = time.monotonic() + _LET_GO_LIMIT_S
+        try:
+            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+            while not self._taken(descriptor):
+                if self._over() or time.monotonic() > deadline_s:
+                    holder = os.pread(descriptor, 1000, 0).decode(errors="replace") or "another process"
+                    os.close(descriptor)
+                    if self._over():
+                        return False
+                    advice = "end it first, or name another folder with --folder"
+                    raise StartError(f"{self._path.parent}: {holder} records the same platform there; {advice}")
+                time.sleep(0.05)
+            with suppress(OSError):  # a full storage; it is held all the same
+                os.truncate(descriptor, 0)
+                os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
+        except OSError as error:
+            rospy.logwarn("%s: %s; no second recorder is kept from this folder", self._path, error.strerror)
+        return True
+
+    @staticmethod
+    def _taken(descriptor: int) -> bool:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
 
 
 # --- statuses ---------------------------------------------------------------------------------------------------------
