@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
+
 import pytest
-from replay_bags import START_NS, S, break_chunk, flight_rows, make, rewrite, write_bag
+import yaml
+from replay_bags import START_NS, S, break_chunk, flight_rows, height_m, make, rewrite, write_bag
 from replay_demo import demo_bag, simulated
-from replay_runs import ROOT, recording, replay
+from replay_runs import ROOT, moves, recording, replay
 
 from amaze_autonomy.engine.events import CheckName
 from amaze_autonomy.replay.monitors.monitors import Monitors
@@ -62,6 +66,32 @@ def test_what_fails_a_check_is_seen_alike(tmp_path, monkeypatch, tilt_deg, orien
     )
     _, (light, whole) = both(monkeypatch, write_bag(tmp_path / "x.bag", rows), MAP)
     assert light < whole
+
+
+def tilted_rows(tilt_deg=50.0, rate_hz=1.7):
+    """Return a flight that rolls from side to side: each range is as long as the tilt of its time makes it."""
+    rows = flight_rows()
+    for t_ns, topic, message in rows:
+        t_s = (t_ns - START_NS) / S
+        roll = math.radians(tilt_deg) * math.sin(math.tau * rate_hz * (t_s - 8.0)) * (8.0 < t_s < 30.0)
+        if topic == "/imu":
+            message.orientation.x, message.orientation.w = math.sin(roll / 2), math.cos(roll / 2)
+        elif topic == "/range":
+            message.range = (0.05 + height_m(t_s)) / math.cos(roll)
+    return rows
+
+
+@pytest.mark.parametrize("range_first", [False, True])
+def test_a_range_is_corrected_with_the_tilt_of_its_time_whichever_the_map_names_first(
+    tmp_path, monkeypatch, range_first
+):
+    content = yaml.safe_load(Path(MAP).read_text())
+    content["components"] = dict(sorted(content["components"].items(), reverse=range_first))
+    path = tmp_path / "map.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    outcome, (light, whole) = both(monkeypatch, write_bag(tmp_path / "x.bag", tilted_rows()), str(path))
+    assert light == BEGINNING < whole
+    assert ("TAKEOFF", "MISSION", "at_takeoff_height") in moves(outcome)
 
 
 @pytest.mark.parametrize("covariance, turning", [(0.0, "pass"), (-1.0, "unknown"), (float("nan"), "unknown")])

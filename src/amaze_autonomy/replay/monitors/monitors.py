@@ -125,11 +125,13 @@ class Monitors:
         return tuple(names.values())
 
     def _pair(self, names: Mapping[str, int]) -> None:
-        """Let the range take the tilt of its time."""
+        """Let the range take the tilt of its time, before the tilt itself goes on to now."""
         tilt = next((feed for feed in self.feeds if isinstance(feed, TiltFeed) and feed.topic in names), None)
         for feed in self.feeds:
             if isinstance(feed, RangeFeed):
                 feed.tilt = tilt
+        for feeds in self._riding.values():
+            feeds.sort(key=lambda feed: isinstance(feed, TiltFeed))
 
     def poll(self, t_ns: int, left_out: int) -> Tuple[Optional[WatchdogAction], Optional[WatchdogInfo]]:
         """Turn the watchdog's loop, after some turns that were left out; return the messages that are due."""
