@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
+from other_recordings import px4_rows, ulog_rows, write_ros2, write_ulog
 from replay_bags import START_NS, S, flight_rows, write_bag
 from replay_demo import demo_bag, simulated
 from replay_runs import CONFIG, replay, texts
@@ -14,9 +15,10 @@ from replay_runs import CONFIG, replay, texts
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.journal.journal import decode
 from amaze_autonomy.replay.errors import ReplayError
+from amaze_autonomy.replay.maps.proposal import propose
 from amaze_autonomy.replay.maps.topic_map import load_map
 from amaze_autonomy.replay.plan import make_plan
-from amaze_autonomy.replay.recordings.sources import Recordings
+from amaze_autonomy.replay.recordings.sources import Recordings, topics_of
 from amaze_autonomy.replay.session import Session
 from amaze_autonomy.tester.command import main
 
@@ -75,6 +77,22 @@ def test_statuses_and_the_log_of_our_own_recording_are_moved_as_well(tmp_path):
     demo_bag(tmp_path / "b.bag", lines, written=lambda path, found: rows.extend(found) or path)
     near_0 = replay(write_bag(tmp_path / "b.bag", stamped(rows, 1)), "amaze_demo")[0]
     assert decided(near_0) == decided(any_day)
+
+
+def test_what_px4_said_is_decided_as_that_of_any_day_also_in_a_ulog_whose_gps_told_no_time(tmp_path):
+    rows = [row for row in ulog_rows() if row[1] != "vehicle_gps_position"]
+    any_day = write_ros2(tmp_path / "a", px4_rows(rows))
+    near_0 = write_ros2(tmp_path / "b", stamped(px4_rows(rows), 1))
+    boot = write_ulog(tmp_path / "c.ulg", rows)
+    told = {}
+    for path in (any_day, near_0, boot):
+        (tmp_path / "map.yaml").write_text(propose([path]).text)
+        plan = make_plan(load_configuration(CONFIG), load_map(str(tmp_path / "map.yaml")), "1", topics_of([path]))
+        with Recordings([path], plan.topics, replayed=True) as recordings:
+            told[path] = decided(Session(plan, recordings).run())
+            assert bool(recordings.shift_ns) == (path != any_day)
+    assert told[near_0] == told[boot] == told[any_day]
+    assert len(told[any_day]) > 8
 
 
 def test_what_is_read_without_room_for_the_script_is_refused(tmp_path, range_map):

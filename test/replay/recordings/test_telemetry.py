@@ -362,6 +362,19 @@ def test_mavlink_in_a_bag_says_the_same_as_the_log(tmp_path):
             assert _without_header(a) == _without_header(b)
 
 
+def test_mavlink_in_a_bag_of_a_simulated_clock_is_decided_as_that_of_any_day(tmp_path, capsys):
+    told = []
+    for name, begin_ns in (("any_day", START_NS), ("simulated", 12 * S)):
+        bag = tmp_path / name / "mavros.bag"
+        bag.parent.mkdir()
+        _write_bag(bag, recording("px4_normal_mission.tlog"), begin_ns=begin_ns)
+        status = main(["run", str(bag), "--map", "px4_telemetry"])
+        told.append((status, capsys.readouterr().out))
+    any_day, simulated = told
+    assert simulated == any_day
+    assert any_day[0] == 0
+
+
 def test_a_message_of_mavros_that_cannot_be_read_costs_itself(tmp_path):
     bag = tmp_path / "mavros.bag"
     _write_bag(bag, recording("px4_offboard.tlog"), limit=600)
@@ -384,7 +397,7 @@ def _without_header(message):
     return repr({**vars(message), "header": None, "_header": None, "_msgbuf": None, "_payload": None})
 
 
-def _write_bag(path, log, limit=6000):
+def _write_bag(path, log, limit=6000, begin_ns=START_NS):
     store = get_typestore(Stores.ROS1_NOETIC)
     store.register(get_types_from_msg(MAVLINK, "mavros_msgs/msg/Mavlink"))
     kinds = store.types
@@ -402,7 +415,7 @@ def _write_bag(path, log, limit=6000):
             )  # fmt: skip
             writer.write(
                 connection,
-                START_NS + t_ns - first_ns,
+                begin_ns + t_ns - first_ns,
                 store.serialize_ros1(message, "mavros_msgs/msg/Mavlink"),
             )
 

@@ -441,9 +441,13 @@ class Shifted:
         message = copy(self._bag.message(entry._replace(t_ns=entry.t_ns - SHIFT_NS)))
         stamp = getattr(getattr(message, "header", None), "stamp", None)
         if stamp is not None and (stamp.sec or stamp.nanosec):
-            message.header = copy(message.header)
-            message.header.stamp = copy(stamp)
-            message.header.stamp.sec += SHIFT_NS // _S
+            header, moved = copy(message.header), copy(stamp)
+            for whole, name, part in (
+                (moved, "sec", stamp.sec + SHIFT_NS // _S),
+                (header, "stamp", moved),
+                (message, "header", header),
+            ):
+                object.__setattr__(whole, name, part)  # what is made of telemetry is frozen
         return sent_by(message, self._bag.caller(entry.connection)) if isinstance(self._bag, Recording) else message
 
 
