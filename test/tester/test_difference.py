@@ -132,6 +132,13 @@ def test_no_checks_any_more_are_a_difference():
     assert became(commands=("RunCheck(WATCHDOG)#7", "RunCheck(BATTERY)#8")) == "changed value"
 
 
+def test_a_command_that_is_sent_twice_is_a_difference():
+    assert became(commands=("LoadMission(5)#7", *ASKS.commands)) == "changed value"
+    twice = replace(LANDS, commands=("MissionCommand(LAND)#6", "MissionCommand(LAND)#7"))
+    assert kinds((TAKEOFF, FLIES, HOLDS, twice)) == ["same", "same", "same", "changed value"]
+    assert "MissionCommand(LAND), MissionCommand(LAND)" in told(align(RUN, (TAKEOFF, FLIES, HOLDS, twice)), 0)[0]
+
+
 def test_how_quickly_others_answered_has_a_tolerance_and_nothing_else():
     assert became(values=(Value("oldest check", 0.0904, 10.0, "s"),)) == "alike"
     assert became(values=(Value("oldest check", 0.1204, 10.0, "s"),)) == "changed value"

@@ -23,6 +23,7 @@ from amaze_autonomy.replay.timeline import value_text
 from ..journal.journal import Journal
 
 _CHECK = RunCheck.__name__
+_CHECKS = f"{_CHECK}s"
 
 Key = Tuple[str, str, str, str, str]
 
@@ -80,8 +81,8 @@ def key_of(decision: Decision) -> Key:
 
 def asks(decision: Decision) -> Tuple[str, ...]:
     """Return what a decision asks for: "MissionCommand(LAND)" for "MissionCommand(LAND)#12", all checks as one."""
-    named = without_numbers(decision.commands)
-    return tuple(dict.fromkeys(f"{_CHECK}s" if name.startswith(f"{_CHECK}(") else name for name in named))
+    named = [_CHECKS if name.startswith(f"{_CHECK}(") else name for name in without_numbers(decision.commands)]
+    return tuple(name for place, name in enumerate(named) if name != _CHECKS or _CHECKS not in named[:place])
 
 
 def without_numbers(commands: Sequence[str]) -> Tuple[str, ...]:
