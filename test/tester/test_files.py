@@ -90,6 +90,16 @@ MISTAKES = {
     "expectations: [{expect: exists, of: {component: lrf}}]": "code: is missing",
     "expectations: [{expect: count, of: {state: HOLD}, at_least: 5, at_most: 2}]": "expectations.0: has at_least 5 and "
     "at_most 2; no run can hold it",
+    "expectations: [{expect: count, of: {state: HOLD}, at_least: 0}]": "expectations.0: has at_least 0; every run",
+    "expectations: [{expect: duration, of: {state: HOLD}, at_least_s: 0.0}]": "has at_least_s 0; every run holds it",
+    "expectations: [{expect: share, of: {state: HOLD}, at_least_fraction: 0}]": "has at_least_fraction 0; every run",
+    "expectations: [{expect: share, of: {state: HOLD}, at_most_fraction: 1}]": "has at_most_fraction 1; every run",
+    "expectations: [{expect: share, of: {state: HOLD}, at_least_fraction: 0, at_most_fraction: 1}]": "has "
+    "at_least_fraction 0 and at_most_fraction 1; every run holds it: must be able to fail",
+    "expectations: [{expect: response, when: {state: HOLD}, then: {state: HOLD}, within_s: 1}]": "0.then: is HOLD, as "
+    "when is; every run holds it: must be another",
+    "expectations: [{expect: precedence, first: {rule: hold}, then: {rule: hold}}]": "expectations.0.then: is rule "
+    "hold, as first is; every run holds it: must be another",
     "matrix: {seed: [1, 2, 1]}": "matrix.seed: has 1 twice; must have each value once",
     "matrix: {faults.3.at_s: [1.0, 2.0]}": "matrix.faults.3.at_s: addresses nothing; must be a key of the scenario",
     "expectations: [{expect: always, of: {rule: hold}}]": "must be what lasts: a state or a component's code",
@@ -116,6 +126,21 @@ def test_a_mistake_is_one_line(text):
     assert MISTAKES[text] in str(error.value)
     assert str(error.value).startswith("folder/x.scenario.yaml:")
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        "expect: count, of: {state: HOLD}, at_least: 0, at_most: 3",
+        "expect: count, of: {state: HOLD}, at_most: 0",
+        "expect: duration, of: {state: HOLD}, at_least_s: 0.0, at_most_s: 3.0",
+        "expect: share, of: {state: HOLD}, at_least_fraction: 0.0, at_most_fraction: 0.5",
+        "expect: share, of: {state: HOLD}, at_most_fraction: 0.0",
+    ],
+)
+def test_a_limit_that_every_run_holds_may_stand_beside_one_that_can_fail(limits):
+    (case,) = simulation(f"expectations: [{{{limits}}}]")
+    assert len(case.expectations) == 1
 
 
 def test_the_line_of_an_anchor_that_is_not_there_is_said():

@@ -129,6 +129,32 @@ UNFINISHED = {
         "6.000 s from +14.000 s, and had not ended at +20.000 s",
     ),
     "{expect: duration, of: {state: HOLD}, at_most_s: 2.0, to: 13.0}": ("FAIL", "2.640 s from +10.360 s"),
+    "{expect: duration, of: {state: HOLD}, at_most_s: 2.0, from: 13.0}": (
+        "VACUOUS",
+        "1.000 s from +13.000 s, and had begun before",
+    ),
+    "{expect: duration, of: {state: HOLD}, at_most_s: 2.0, from: 12.0, to: 13.0}": (
+        "VACUOUS",
+        "1.000 s from +12.000 s, and had begun before, and had not ended at +13.000 s",
+    ),
+    "{expect: duration, of: {state: HOLD}, at_most_s: 0.5, from: 13.0}": ("FAIL", "1.000 s from +13.000 s"),
+    "{expect: duration, of: {state: HOLD}, at_least_s: 0.5, from: 13.0}": ("PASS", "1.000 s from +13.000 s"),
+    "{expect: duration, of: {state: MISSION}, at_most_s: 5.5, from: 5.0}": (
+        "PASS",
+        "5.360 s from +5.000 s",
+    ),  # it begins
+    "{expect: share, of: {state: LAND}, from: 14.0, to: 60.0, at_least_fraction: 0.9}": (
+        "VACUOUS",
+        "1.000 of the time between +14.000 s and +20.000 s, and the run ends there, before +60.000 s",
+    ),
+    "{expect: share, of: {state: HOLD}, from: 14.0, to: 60.0, at_most_fraction: 0.1}": (
+        "VACUOUS",
+        "0.000 of the time between +14.000 s and +20.000 s, and the run ends there, before +60.000 s",
+    ),
+    "{expect: share, of: {state: LAND}, from: 14.0, to: 20.9, at_least_fraction: 0.9}": (
+        "PASS",
+        "1.000 of the time between +14.000 s and +20.000 s",
+    ),
     "{expect: duration, of: {state: [MISSION, LAND]}, at_most_s: 5.5}": ("FAIL", "6.000 s from +14.000 s"),
     "{expect: duration, of: {state: [MISSION, LAND]}, at_most_s: 5.2}": ("FAIL", "6.000 s from +14.000 s"),
     "{expect: duration, of: {state: LAND}, at_least_s: 5.0}": ("PASS", "6.000 s from +14.000 s"),

@@ -47,11 +47,12 @@ class _Look(NamedTuple):
         cut = (Span(max(s.begin_ns, begin), min(s.end_ns, end), s.value) for s in spans(pattern, self.trace))
         return [span for span in cut if span.end_ns > span.begin_ns]
 
-    def goes_on(self, span: Span) -> bool:
-        """Tell whether a span was cut by the window's end: what ends just there has ended."""
-        end_ns = self.window.end_ns
+    def cuts(self, span: Span) -> str:
+        """Say where a span was cut by the window: what begins or ends just there has begun or ended there."""
         whole = spans(self.expectation.pattern("of"), self.trace)
-        return span.end_ns == end_ns and any(each.begin_ns < end_ns < each.end_ns for each in whole)
+        uncut = next(each for each in whole if each.begin_ns <= span.begin_ns and span.end_ns <= each.end_ns)
+        before = ", and had begun before" if uncut.begin_ns < span.begin_ns else ""
+        return before + (f", and had not ended at {self.time(span.end_ns)}" if span.end_ns < uncut.end_ns else "")
 
     def time(self, t_ns: int) -> str:
         return f"{self.trace.seconds(t_ns):+.3f} s"
@@ -94,7 +95,7 @@ def _is_open(expectation: Expectation, trace: Trace) -> bool:
     if end is None or isinstance(end, str) or trace.start_ns + end <= trace.end_ns + _ROUNDED_NS:
         return False
     kind = expectation.kind.name
-    return kind in ("never", "always") or (kind == "count" and expectation.number("at_most") is not None)
+    return kind in ("never", "always", "share") or (kind == "count" and expectation.number("at_most") is not None)
 
 
 def _window(expectation: Expectation, trace: Trace, anchors: Mapping[str, Optional[int]]) -> Window | str:
@@ -229,12 +230,13 @@ def _duration(look: _Look) -> _Found:
 
 
 def _length(look: _Look, span: Span) -> _Found:
-    """Judge how long one span is; of one that goes on at the window's end only the least is known."""
+    """Judge how long one span is; of one that was cut by the window only the least is known."""
     length = (span.end_ns - span.begin_ns) / _NS
     found = _bounded(look, length, _DURATIONS, "s", f"{length:.3f} s from {look.time(span.begin_ns)}")
-    if found.grade is Grade.FAIL or look.number(_DURATIONS[1]) is None or not look.goes_on(span):
+    cuts = look.cuts(span)
+    if found.grade is Grade.FAIL or look.number(_DURATIONS[1]) is None or not cuts:
         return found
-    return _Found(Grade.VACUOUS, f"{found.text}, and had not ended at {look.time(span.end_ns)}")
+    return _Found(Grade.VACUOUS, found.text + cuts)
 
 
 def _share(look: _Look) -> _Found:

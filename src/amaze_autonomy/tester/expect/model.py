@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from itertools import repeat
-from typing import Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
+from typing import Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from amaze_autonomy.config.document import Entry, Items, Scalar, Table
 from amaze_autonomy.config.kinds import Address, Choice, Kind, ListOf, Number, Places, Text, Whole, described, refuse
@@ -184,6 +184,7 @@ class ExpectationKind:
         patterns: keys that take a pattern, in the order of the file.
         numbers: keys that take a number.
         needs: those of the numbers of which at least one must be given.
+        idle: numbers that every run holds.
         lasting: its patterns must be conditions that last: a state or a component's code.
         many: its one pattern is a list.
     """
@@ -193,6 +194,7 @@ class ExpectationKind:
     patterns: Tuple[str, ...]
     numbers: Tuple[str, ...] = ()
     needs: Tuple[str, ...] = ()
+    idle: Tuple[Tuple[str, float], ...] = ()
     lasting: bool = False
     many: bool = False
 
@@ -211,9 +213,19 @@ _KINDS = (
     ExpectationKind(
         "sequence", "they happen in this order; others may come between", ("of",), ("within_s",), many=True
     ),
-    ExpectationKind("count", "it happens so often", ("of",), _COUNTS, _COUNTS),
-    ExpectationKind("duration", "each time it holds for so long", ("of",), _TIMES, _TIMES, lasting=True),
-    ExpectationKind("share", "it holds for such a part of the window", ("of",), _SHARES, _SHARES, lasting=True),
+    ExpectationKind("count", "it happens so often", ("of",), _COUNTS, _COUNTS, (("at_least", 0),)),
+    ExpectationKind(
+        "duration", "each time it holds for so long", ("of",), _TIMES, _TIMES, (("at_least_s", 0),), lasting=True
+    ),
+    ExpectationKind(
+        "share",
+        "it holds for such a part of the window",
+        ("of",),
+        _SHARES,
+        _SHARES,
+        (("at_least_fraction", 0), ("at_most_fraction", 1)),
+        lasting=True,
+    ),
 )
 EXPECTATIONS: Mapping[str, ExpectationKind] = {kind.name: kind for kind in _KINDS}
 """By name, in the order of the documentation."""
@@ -457,6 +469,7 @@ class ExpectationEntry(Kind):
         if len(kind.needs) > 1 and len(numbers) > 1 and numbers[0][1] > numbers[1][1]:
             (least, low), (most, high) = numbers
             refuse(entry, address, f"has {least} {low:g} and {most} {high:g}", "no run can hold it: must leave room")
+        _check_can_fail(kind, patterns, numbers, entry, address)
         end: Optional[Instant] = values["to"]
         return Expectation(kind, tuple(patterns), numbers, values["from"], end, str(entry.place))
 
@@ -467,6 +480,22 @@ class ExpectationEntry(Kind):
         if "expect" not in entry.entries:
             refuse(entry, here, "is missing", "must be given: " + choice.words())
         return EXPECTATIONS[choice.read(entry.entries["expect"][1], here, places)]
+
+
+def _check_can_fail(
+    kind: ExpectationKind,
+    patterns: Sequence[Tuple[str, Pattern]],
+    numbers: Sequence[Tuple[str, float]],
+    entry: Entry,
+    address: Address,
+) -> None:
+    """Refuse what every run holds: nothing would be tested."""
+    if numbers and all(number in kind.idle for number in numbers):
+        limits = " and ".join(f"{key} {value:g}" for key, value in numbers)
+        refuse(entry, address, f"has {limits}", "every run holds it: must be able to fail")
+    if not kind.many and len(patterns) > 1 and patterns[0][1] == patterns[1][1]:
+        (first, _), (then, pattern) = patterns
+        refuse(entry, (*address, then), f"is {pattern}, as {first} is", "every run holds it: must be another")
 
 
 def _keys(kind: ExpectationKind) -> Tuple[Key, ...]:
