@@ -123,6 +123,7 @@ class Session:
         story: what happens besides: faults of peers and of the engine, requests of the user.
         changes: keys of the configuration to be followed: were they looked at?
         beginning: of the recording, without any fault in it; None: as the recording has it.
+        asked_ns: when the script selects the mission, without any fault in the recording; None: as that has it.
     """
 
     def __init__(
@@ -132,6 +133,7 @@ class Session:
         story: Optional[Story] = None,
         changes: Sequence[Change] = (),
         beginning: Optional[Beginning] = None,
+        asked_ns: Optional[int] = None,
     ) -> None:
         self._plan, self._recordings = plan, recordings
         self._story = Story() if story is None else story
@@ -161,7 +163,9 @@ class Session:
         if log is not None:
             self._tell_lost(log)
         self._lead: Optional[Lead] = lead_of(plan, self._at_first, _WARM_UP_NS) if self._at_first.airborne else None
-        self._asked_ns = recordings.start_ns if self._log or self._lead else selected_ns(plan, recordings)
+        if self._log or self._lead:
+            asked_ns = recordings.start_ns
+        self._asked_ns = selected_ns(plan, recordings) if asked_ns is None else asked_ns
         self._begin_ns = self._beginning()
         self._world = World(
             plan, self._monitors, self._agenda, self._feed, self._say, recordings, self._story, self._lead

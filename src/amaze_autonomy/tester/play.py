@@ -27,7 +27,7 @@ from ..engine.events import Mission
 from ..engine.rules import ComponentRule
 from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, make_header, rules_of
 from ..journal.trace import Trace, trace_of
-from ..replay.beginning import beginning_of
+from ..replay.beginning import beginning_of, selected_ns
 from ..replay.changed_keys import DecidedKeys, Part, Unread, changes_of, keys_of, unread_in_journal, written
 from ..replay.errors import DamagedInputError, ReplayError
 from ..replay.faults.kinds import TOPIC, Acting
@@ -174,11 +174,11 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
             place = place_of(case.path, ("from_s",), ("to_s",), ("bags",))
             raise ReplayError(f"{place}: there is no message between from_s and to_s")
         broken = [*_too_short(case, recordings), *_needs(case, plan, part)]
-        beginning = beginning_of(plan, part)
+        beginning, asked_ns = beginning_of(plan, part), selected_ns(plan, part)
         acting, requests = _times(case, plan, part)
         part.apply(acting, case.seed)
         story = Story(acting, requests)
-        session = Session(plan, part, story, changes, beginning)
+        session = Session(plan, part, story, changes, beginning, asked_ns)
         outcome = session.run()
         touched = [one + other for one, other in zip(part.touched, story.touched)]
         unseen = [

@@ -100,11 +100,11 @@ class FaultedRecordings(Recordings):
                 self._by_rank[item.sample.rank].append(place)
         return self._by_rank[rank]
 
-    def note(self, topic: str, t_ns: int, reason: str) -> None:
+    def note(self, topic: str, t_ns: int, reason: str, message: object = None) -> None:
         """Note that a message could not be read: of the recording, not what a fault has made of it."""
         edited = (item for item in self._items if item.edits and item.t_ns == t_ns)
         if not any(self.topics[item.sample.rank] == topic for item in edited):
-            super().note(topic, t_ns, reason)
+            super().note(topic, t_ns, reason, message)
 
     def message(self, sample: Sample) -> Optional[Any]:
         """Return the decoded message as the faults left it; None when it is damaged, which is noted."""

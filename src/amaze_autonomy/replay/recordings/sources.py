@@ -8,10 +8,10 @@ connections, on the compression or on the order of a hash table.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Collection, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Collection, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -58,16 +58,21 @@ class Damage:
     Args:
         topic: whose messages.
         reason: of the first one.
-        count: of messages.
         first_ns: time of the first one.
         last_ns: time of the last one.
+        messages: what tells one from another.
     """
 
     topic: str
     reason: str
     first_ns: int
     last_ns: int
-    count: int = 1
+    messages: Set[object] = field(default_factory=set)
+
+    @property
+    def count(self) -> int:
+        """How many messages."""
+        return len(self.messages)
 
 
 @dataclass(frozen=True)
@@ -217,7 +222,7 @@ class Recordings:
         try:
             message = self.bags[sample.bag].message(entry)
         except MessageError as error:
-            self.note(self.topic(sample), sample.t_ns, str(error))
+            self.note(self.topic(sample), sample.t_ns, str(error), (sample.bag, sample.row))
             return None
         bag = self.bags[sample.bag]
         return sent_by(message, bag.caller(sample.connection)) if isinstance(bag, Recording) else message
@@ -354,13 +359,18 @@ class Recordings:
             f"{names}: no message of {', '.join(self.topics)}; there are {there}: is it another map?"
         )
 
-    def note(self, topic: str, t_ns: int, reason: str) -> None:
-        """Note that one message could not be read, and why."""
-        damage = self.damage.get(topic)
-        if damage is None:
-            self.damage[topic] = Damage(topic, reason, t_ns, t_ns)
-        else:
-            damage.count, damage.last_ns = damage.count + 1, t_ns
+    def note(self, topic: str, t_ns: int, reason: str, message: object = None) -> None:
+        """Note that one message could not be read, and why; it is one however often it is asked for.
+
+        Args:
+            topic: of it.
+            t_ns: time of it.
+            reason: in words.
+            message: what tells it from others of its topic; None: its time does.
+        """
+        damage = self.damage.setdefault(topic, Damage(topic, reason, t_ns, t_ns))
+        damage.last_ns = max(damage.last_ns, t_ns)
+        damage.messages.add(t_ns if message is None else message)
 
     def tell(self, problem: str) -> None:
         """Note, once, what else is missing."""
