@@ -108,6 +108,13 @@ def sections_of(definition: str, kind: str) -> Dict[str, List[Field]]:
     return sections
 
 
+def types_of(definition: str, kind: str) -> Any:
+    """Return the types in a definition as the rosbags library has them; it reads no line that ends as on Windows."""
+    from rosbags.typesys import get_types_from_msg  # noqa: PLC0415  (slow to load)
+
+    return get_types_from_msg(definition.replace("\r\n", "\n"), kind)
+
+
 class _Builder:
     def __init__(self, sections: Dict[str, List[Field]]) -> None:
         self._sections = sections

@@ -22,6 +22,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from .definitions import types_of
 from .errors import BagError, MessageError, UndecodableError, cut_words
 from .format import MEMORY
 from .index import ChunkHead
@@ -307,7 +308,7 @@ _KNOWN = {  # to some writers
 
 def _decoder(channel: Channel) -> Callable[[Any], Any]:
     """Return what decodes the messages of a channel, by its definition."""
-    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore  # noqa: PLC0415  (slow)
+    from rosbags.typesys import Stores, get_types_from_idl, get_typestore  # noqa: PLC0415  (slow to load)
 
     if channel.encoding not in ("cdr", "ros1"):
         raise UndecodableError(f"messages in {channel.encoding or 'no encoding'} are not read")
@@ -318,9 +319,9 @@ def _decoder(channel: Channel) -> Callable[[Any], Any]:
             raise UndecodableError(f"its type {channel.kind} is not defined in the file, and not one of ROS 2's own")
     else:
         idl = channel.schema == "ros2idl"
-        types = get_types_from_idl(channel.definition) if idl else get_types_from_msg(channel.definition, kind)
+        types = get_types_from_idl(channel.definition) if idl else types_of(channel.definition, kind)
         for name, text in _KNOWN.items():
-            types.setdefault(name, get_types_from_msg(text, name)[name])
+            types.setdefault(name, types_of(text, name)[name])
         store.register(types)
     read = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
     return lambda raw: read(raw, kind)

@@ -21,6 +21,7 @@ from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, O
 import numpy as np
 
 from .columns import WHOLE, Wanted, read_columns, wanted_of
+from .definitions import types_of
 from .errors import BagError, MessageError, NotABagError, OtherBagError, UndecodableError
 from .format import MEMORY, decompressed, fields_of, record_at
 from .index import Index, Messages, chunk_head, recovering
@@ -603,10 +604,10 @@ class Recording:
 @lru_cache(maxsize=256)
 def _decoder(kind: str, definition: str) -> _Decode:
     """Return what decodes messages of a type; two publishers may define one type differently."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415  (slow to load)
+    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415  (slow to load)
 
     store: Any = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(definition, kind))
+    store.register(types_of(definition, kind))
     return lambda raw: store.deserialize_ros1(raw, kind)
 
 

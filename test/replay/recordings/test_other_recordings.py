@@ -21,6 +21,8 @@ from other_recordings import gps_rows, px4_rows, ulog_rows, write_mcap, write_ro
 from pyulog.core import ULog
 from replay_bags import START_NS, S, flight_rows, write_bag
 from replay_runs import CONFIG, moves, texts
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Reader
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
@@ -33,6 +35,7 @@ from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.replay.maps.proposal import propose
 from amaze_autonomy.replay.maps.topic_map import load_map
 from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.recordings.export import export
 from amaze_autonomy.replay.recordings.sources import Recordings, recordings_of, topics_of
 from amaze_autonomy.replay.session import Session
 from amaze_autonomy.replay.timeline import LineKind
@@ -74,6 +77,23 @@ def packings(tmp_path_factory):
 @pytest.mark.parametrize("name", ["ros2", "db3", "zstd", "lz4", "plain", "ros1"])
 def test_the_journal_is_that_of_the_bag_with_the_same_messages(packings, name):
     assert replayed(packings[name], FLIGHT_MAP).journal == replayed(packings["bag"], FLIGHT_MAP).journal
+
+
+def test_definitions_with_the_line_ends_of_windows_are_read_in_a_bag_and_in_mcap(packings, tmp_path):
+    bag, mcap = tmp_path / "windows.bag", tmp_path / "windows.mcap"
+    with Ros1Reader(packings["bag"]) as reader, Ros1Writer(bag) as writer:
+        links = {}
+        for each in reader.connections:
+            definition = getattr(each.msgdef, "data", each.msgdef).replace("\n", "\r\n")
+            links[each.id] = writer.add_connection(each.topic, each.msgtype, msgdef=definition, md5sum=each.digest)
+        for each, t_ns, raw in reader.messages():
+            writer.write(links[each.id], t_ns, raw)
+    export([bag], mcap)
+    assert b"\r\n" in mcap.read_bytes()
+    expected = replayed(packings["bag"], FLIGHT_MAP).journal
+    for path in (bag, mcap):
+        assert amaze_replay(["run", str(path), "--map", FLIGHT_MAP]) == 0
+        assert replayed(path, FLIGHT_MAP).journal == expected
 
 
 def test_info_says_of_a_ros2_bag_what_the_rosbags_library_says(packings, capsys):
