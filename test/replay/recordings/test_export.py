@@ -199,6 +199,21 @@ def test_tables_come_into_a_folder_beside_those_of_other_topics(tmp_path):
     assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["armed.csv", "imu.csv"]
 
 
+def test_each_topic_of_each_recording_has_a_table_of_its_own_whatever_it_is_called(tmp_path):
+    names, start_ns = (("/cam", "/cam/2", "/cam__3", "cam"), ("/cam",)), 1_600_000_000_000_000_000
+    bags = [
+        write_bag(
+            tmp_path / f"{number}.bag",
+            [(start_ns, name, make("std_msgs/msg/String", data=f"{name} of {number}")) for name in names[number]],
+        )
+        for number in (0, 1)
+    ]
+    done = export(bags, tmp_path / "tables")
+    tables = [path.read_text().splitlines()[1].partition(",")[2] for path in done.files]
+    assert sorted(tables) == ["/cam of 0", "/cam of 1", "/cam/2 of 0", "/cam__3 of 0", "cam of 0"]
+    assert sorted(done.files) == sorted((tmp_path / "tables").iterdir())
+
+
 def test_a_long_array_is_left_out_of_tables_and_that_is_said(tmp_path, capsys):
     image = make("std_msgs/msg/Float32MultiArray", layout=_layout(), data=np.zeros(100, np.float32))
     bag = write_bag(tmp_path / "x.bag", [(1_600_000_000_000_000_000, "/long", image)])

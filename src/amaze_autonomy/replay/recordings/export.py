@@ -249,9 +249,9 @@ def _tables(flight: _Flight, folder: Path) -> List[Path]:
     files: List[Path] = []
     for _, topic in flight.topics:
         name = topic.name.strip("/").replace("/", "__") or "root"
-        file = folder / f"{name}.csv"
-        if file in files:  # the same topic of another recording
-            file = folder / f"{name}__{len(files)}.csv"
+        file, number = folder / f"{name}.csv", len(files)
+        while file in files:  # the same topic of another recording, or one with nearly the same name
+            file, number = folder / f"{name}__{number}.csv", number + 1
         files.append(file)
     return files
 
