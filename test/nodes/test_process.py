@@ -42,6 +42,32 @@ def outcome(nice, *, session, before=""):
     return tuple(result.stdout.strip().split("|"))
 
 
+SIGNALS = """
+import os, signal, threading, time
+from amaze_autonomy.ros.node_main import end_by_signals
+lock, ended, both = threading.Lock(), [], threading.Event()
+def end(name):
+    with lock:
+        ended.append(name)
+    if len(ended) == 2:
+        both.set()
+    raise RuntimeError("once")
+end_by_signals(end)
+with lock:  # the handlers come while the main thread holds what the end needs
+    for number in (signal.SIGINT, signal.SIGTERM):
+        os.kill(os.getpid(), number)
+    time.sleep(0.01)
+both.wait(60.0)
+print(*ended)
+"""
+
+
+def test_a_signal_at_the_worst_moment_ends_a_node_and_so_does_the_next_one():
+    """roslaunch ends a group of nodes, and the group each of them: two signals within a tenth of a millisecond."""
+    done = subprocess.run([sys.executable, "-c", SIGNALS], capture_output=True, text=True, check=False, timeout=120)
+    assert (done.stdout, done.returncode) == ("SIGINT SIGTERM\n", 0), done.stderr
+
+
 grouped = AUTOGROUP.exists() and AUTOGROUP.read_text().strip()  # empty: in a control group of its own, sched(7)
 needs_autogroup = pytest.mark.skipif(not grouped, reason="this kernel does not group tasks by session here")
 

@@ -65,6 +65,7 @@ def look(monkeypatch):
             resolved_name=TOPIC,
             data_class=SimpleNamespace(_type=KIND, _md5sum=MD5),
             get_num_connections=lambda: connections,
+            connections=[],
         )
         monkeypatch.setattr(reconnector, "subscriptions", lambda: [subscription])
         found = reconnector.Reconnector()
@@ -194,3 +195,36 @@ def test_the_report_of_a_flight_has_each_publisher_of_another_type_once_when_it_
         f"{KIND} (md5 {MD5}): rename or remap one of them\n"
     )
     assert timeline.text() == "     0.000 s  INFO: hello\n" + line
+
+
+class Connection:
+    """One of rospy's; it has a socket once a thread has made one."""
+
+    done, socket = False, None
+
+    def close(self):
+        self.done = True
+
+
+@pytest.mark.usefixtures("graph")
+@pytest.mark.parametrize("connecting", [False, True], ids=["without its thread", "while its thread connects it"])
+def test_a_connection_that_nobody_makes_is_closed_and_asked_for_anew(monkeypatch, connecting):
+    left, read = Connection(), Connection()
+    read.socket = object()
+    connections = [left, read]
+    subscription = SimpleNamespace(
+        resolved_name=TOPIC,
+        data_class=SimpleNamespace(_type=KIND, _md5sum=MD5),
+        get_num_connections=lambda: len([each for each in connections if not each.done]),
+        connections=connections,
+    )
+    monkeypatch.setattr(reconnector, "subscriptions", lambda: [subscription])
+    goes_on = threading.Event()
+    if connecting:
+        threading.Thread(target=goes_on.wait, args=(60.0,), name=TOPIC, daemon=True).start()
+    found = reconnector.Reconnector()
+    found.look()
+    assert not left.done, "it may just begin"
+    found.look()
+    goes_on.set()
+    assert (left.done, read.done) == (not connecting, False)

@@ -14,6 +14,7 @@ core = pytest.importorskip("rospy.core")
 
 rosout = pytest.importorskip("rospy.impl.rosout")
 
+from rospy.impl.registration import RegManager  # noqa: E402
 from rospy.impl.tcpros_base import TCPServer  # noqa: E402
 
 from amaze_autonomy.ros import rospy_flaws  # noqa: E402
@@ -179,3 +180,17 @@ def test_who_can_have_no_thread_is_forgotten(monkeypatch, error):
         with pytest.raises(type(error)):
             rospy_flaws._accept(None, sock, "somebody")
         assert id(sock) not in rospy_flaws._silent
+
+
+def test_a_publisher_that_cannot_be_connected_is_not_the_last_one(monkeypatch):
+    """Without a thread, once, whoever publishes later was never heard: a driver that was started again, a planner."""
+    manager, shortages = SimpleNamespace(handler=SimpleNamespace(done=False)), [RuntimeError("can't start new thread")]
+
+    def connect(_manager):
+        if shortages:
+            raise shortages.pop()
+        manager.handler.done = True
+
+    monkeypatch.setattr(rospy_flaws, "_connect_publishers", connect)
+    RegManager.run(manager)
+    assert (manager.handler.done, shortages) == (True, [])

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import io
+import resource
 import socket
 import struct
 import threading
@@ -18,7 +20,7 @@ from rosgraph.network import decode_ros_handshake_header, encode_ros_handshake_h
 
 from amaze_autonomy import srv
 from amaze_autonomy.ros.errors import BrokenCallError, CallTimeoutError, UnavailableError
-from amaze_autonomy.ros.service_client import ServiceClient
+from amaze_autonomy.ros.service_client import Connection, ServiceClient
 
 NAME = "/data_recorder/start"
 SOON = 0.3
@@ -309,3 +311,19 @@ def test_whether_a_service_is_offered(master, client):
     assert not client.is_offered(1.0)
     Service(master)
     assert client.is_offered(1.0)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_connection_with_a_high_number_is_alive_until_its_peer_closes_it(closed):
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard < 1200:
+        pytest.skip(f"this process may have {hard} descriptors")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 1200), hard))
+    try:
+        ours, theirs = socket.socketpair()
+        with ours, theirs, socket.socket(fileno=fcntl.fcntl(ours, fcntl.F_DUPFD_CLOEXEC, 1100)) as high:
+            if closed:
+                theirs.close()
+            assert Connection(high).alive is not closed
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import random
 import socket
 import struct
 import threading
+from types import SimpleNamespace
 from typing import ClassVar
 
 import pytest
@@ -189,3 +191,19 @@ def test_a_topic_that_is_damaged_all_the_time_does_not_silence_what_is_said_of_a
             for _message in range(3):
                 look(memoryview(b"cut"))
     assert [line.split(":")[0] for line in said] == ["/topic", "/another"]
+
+
+def test_a_connection_of_which_there_is_no_duplicate_is_closed():
+    """Else it counts as one that is read, and is never made again."""
+
+    class Sock:
+        def dup(self):
+            raise OSError(errno.EMFILE, "Too many open files")
+
+    closed = []
+    connection = SimpleNamespace(
+        socket=Sock(), done=False, read_buff=io.BytesIO(), header={}, close=lambda: closed.append(True)
+    )
+    with pytest.raises(OSError, match="Too many open files"):
+        topic_reader._CountedTopic._take_over(SimpleNamespace(_tally=None, _look_for=None, _reader=None), connection)
+    assert closed == [True]

@@ -28,6 +28,7 @@ from amaze_autonomy.console.wire import collecting_of, missions_of, notes_of, sn
 from amaze_autonomy.engine.events import SAFE
 from amaze_autonomy.msg import AutonomyState, OperatorMessages, RecordingStatus
 from amaze_autonomy.ros.errors import CallError, CallTimeoutError, NodeError, StartError
+from amaze_autonomy.ros.reconnector import Reconnector
 from amaze_autonomy.ros.rospy_flaws import check_master_uri, mend_rospy
 from amaze_autonomy.ros.service_client import ServiceClient
 from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
@@ -65,6 +66,7 @@ class RosLink(Link):
         self._closed = threading.Event()
         self._subscribers: List[rospy.Subscriber] = []
         self._services: Dict[str, ServiceClient] = {}
+        self._reconnector: Optional[Reconnector] = None
 
     def start(self) -> None:
         """Connect in the background."""
@@ -77,6 +79,8 @@ class RosLink(Link):
     def close(self) -> None:
         """Tell the master, if it can be told within a second, that this console is gone."""
         self._closed.set()
+        if self._reconnector is not None:
+            self._reconnector.stop()
         if rospy.core.is_initialized():
             goodbye = threading.Thread(target=rospy.signal_shutdown, args=("console closed",), daemon=True)
             goodbye.start()
@@ -120,6 +124,8 @@ class RosLink(Link):
             for name, kind in _SERVICES.items()
         }
         self._subscribe()
+        self._reconnector = Reconnector()  # the master says once, perhaps to nobody, that there is an engine
+        self._reconnector.start()
 
     def _wait_for_master(self) -> None:
         while not self._closed.is_set() and not rosgraph.is_master_online():

@@ -50,7 +50,7 @@ class RunningNode(Protocol):
         """Work until `end` is called."""
 
     def end(self) -> None:
-        """Have `run` return; called from signal handlers and other threads."""
+        """Have `run` return; called from other threads."""
 
 
 def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> int:
@@ -63,7 +63,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
     node: Any = None
     reconnector = Reconnector()
 
-    def end(*_: Any) -> None:
+    def end(_: str = "") -> None:
         stopped.set()
         if node is not None:
             node.end()
@@ -72,8 +72,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
         end()
         left.wait(_LEAVE_S)
 
-    for number in END_SIGNALS:
-        signal.signal(number, end)
+    end_by_signals(end)
     rospy.on_shutdown(leave)  # called before the topics are closed
     try:
         warn_of_parameters(name)
@@ -249,6 +248,31 @@ def read_parameters() -> Parameters:
 
 #: What ends a node in good order; a terminal that closes is no reason to leave a flying vehicle to itself.
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def end_by_signals(end: Callable[[str], None]) -> None:
+    """Have a node be ended by each signal that does so, by a thread that does nothing else.
+
+    A handler comes between any two steps of the main thread, perhaps in the middle of another one: what it waits for,
+    as the lock of an event, that very thread may hold, and then nobody lands the vehicle. So it only writes a byte.
+
+    Args:
+        end: called with the name of the signal.
+    """
+    told, tell = os.pipe()
+
+    def wait() -> None:
+        while True:
+            for number in os.read(told, 1):
+                try:
+                    end(signal.Signals(number).name)
+                except Exception:
+                    logging.getLogger(__name__).exception("the node could not be told to end")
+
+    threading.Thread(target=wait, name="signals", daemon=True).start()
+    for number in END_SIGNALS:
+        signal.signal(number, lambda number, _: os.write(tell, bytes([number])))
+
 
 _SWITCH_INTERVAL_S = 0.0005
 _AUTOGROUP = Path("/proc/self/autogroup")

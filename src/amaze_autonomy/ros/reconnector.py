@@ -19,7 +19,7 @@ import socket
 import struct
 import threading
 import time
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Set, Tuple
 
 import rosgraph
 import rospy
@@ -66,6 +66,7 @@ class Reconnector:
         self._stopped = threading.Event()
         self._looks = 0
         self._asked: Dict[Tuple[str, str], Optional[Foreign]] = {}
+        self._unread: Dict[str, Set[int]] = {}
         self._thread = threading.Thread(target=self._run, name="reconnector", daemon=True)
 
     def start(self) -> None:
@@ -88,9 +89,20 @@ class Reconnector:
         self._looks += 1
         everything = self._looks % _ALL_EVERY == 0
         for subscription in subscriptions():
+            self._drop_unread(subscription)
             alone = subscription.get_num_connections() == 0
             if (alone or everything) and not self._stopped.is_set():
                 self._connect(subscription.resolved_name, subscription.data_class, alone=alone)
+
+    def _drop_unread(self, subscription: Any) -> None:
+        """Close connections for which rospy could have no thread: they count as connected, and nobody reads them."""
+        topic = subscription.resolved_name
+        waiting = {id(each): each for each in tuple(subscription.connections) if each.socket is None and not each.done}
+        if any(thread.name == topic for thread in threading.enumerate()):
+            waiting.clear()  # which of them it connects nobody can tell
+        for key in waiting.keys() & self._unread.get(topic, set()):  # a second ago, too: it does not just begin
+            waiting.pop(key).close()
+        self._unread[topic] = set(waiting)
 
     @property
     def foreign(self) -> Tuple[Foreign, ...]:

@@ -10,6 +10,9 @@ that has said nothing for the longest time is closed.
 A node that can have no descriptor or thread, once, is closed to all for good: the thread that accepts connections ends
 with the first error, and nobody sees it. It goes on.
 
+So it is with connections to others: the thread that makes them ends with the first error, too, and who publishes later
+is never heard. It goes on, and the reconnector asks again for what was missed.
+
 A node cannot end well: rospy 1.15.9, which Debian 11 has, calls `Thread.isAlive`, which its Python 3.9 has no more. So
 every node ended with a traceback and the status 1, whatever its own was.
 
@@ -40,6 +43,7 @@ from urllib.parse import urlsplit
 import rosgraph
 import rospy
 import rospy.core
+from rospy.impl.registration import RegManager
 from rospy.impl.tcpros_base import TCPROSServer, TCPServer
 
 from .asker import note_accepted
@@ -50,6 +54,7 @@ def mend_rospy() -> None:
     """Call it before `rospy.init_node`; more than once is the same."""
     TCPROSServer._tcp_server_callback = _accept
     TCPServer.run = _serve
+    RegManager.run = _connect
     rospy.core._add_shutdown_hook = _add_hook
     rospy.get_param_cached = _asked_once  # in all of rospy nobody else asks so
     if not hasattr(threading.Thread, "isAlive"):
@@ -103,6 +108,19 @@ def _read_header(server: Any, sock: socket.socket, address: Any) -> None:
 def _forget(sock: socket.socket) -> None:
     with _silent_lock:
         _silent.pop(id(sock), None)
+
+
+_connect_publishers = RegManager.run
+
+
+def _connect(manager: Any) -> None:
+    """Connect publishers until the node ends: one that cannot be connected now is not the last one."""
+    while not manager.handler.done and not rospy.is_shutdown():
+        try:
+            _connect_publishers(manager)
+        except Exception as error:
+            _complain("connect", "a publisher cannot be connected", error)
+            time.sleep(_AGAIN_S)
 
 
 def _serve(server: Any) -> None:

@@ -281,7 +281,11 @@ class _CountedTopic(_SubscriberImpl):
         if sock is None or connection.done:
             return
         # a duplicate: rospy may close its own at any time, which ends this one by shutdown
-        stream = TopicStream(sock.dup(), self._tally, self._look_for(connection.header), connection.close)
+        try:
+            stream = TopicStream(sock.dup(), self._tally, self._look_for(connection.header), connection.close)
+        except BaseException:
+            connection.close()  # else it counts as one that is read, and is never made again
+            raise
         self._reader.add(stream, buffer.getvalue()[: buffer.tell()])
 
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 import faulthandler
 import logging
 import os
-import signal
 import sys
 import threading
 import time
@@ -303,7 +302,7 @@ class AutonomyNode:
         self._requests.keep_connected()
 
     def end(self, reason: str) -> None:
-        """Have the node end; from any thread and from signal handlers. Only the first reason counts."""
+        """Have the node end; from any thread. Only the first reason counts."""
         self._reasons.put(reason)
 
     # --- end ------------------------------------------------------------------------------------------------------
@@ -508,11 +507,7 @@ def main() -> int:
     stopped = threading.Event()
     ends: List[Callable[[str], None]] = [lambda _: stopped.set()]
 
-    def handle(number: int, _frame: Any) -> None:
-        ends[-1](signal.Signals(number).name)
-
-    for number in node_main.END_SIGNALS:
-        signal.signal(number, handle)
+    node_main.end_by_signals(lambda name: ends[-1](name))
     rospy.core.add_preshutdown_hook(lambda reason: ends[-1](f"ROS ({reason})"))
     try:
         node = _make(stopped)

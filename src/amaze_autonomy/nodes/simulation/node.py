@@ -22,7 +22,6 @@ the same seed and faults; the vehicle that obeys is that of the process that pla
 from __future__ import annotations
 
 import functools
-import signal
 import sys
 import threading
 import time
@@ -358,8 +357,7 @@ def main() -> int:
         return answered
     node_main.begin("simulation")
     stopped = threading.Event()
-    for number in node_main.END_SIGNALS:
-        signal.signal(number, lambda *_: stopped.set())
+    node_main.end_by_signals(lambda _: stopped.set())
     rospy.core.add_preshutdown_hook(lambda _: stopped.set())
     try:
         node = _make(stopped)

@@ -503,9 +503,11 @@ def _listen(process: subprocess.Popen[bytes], deadline_s: float) -> Tuple[str, b
     """Read until the process ends or a time comes; return its last line, and whether somebody may still write one."""
     assert process.stdout is not None  # noqa: S101
     pipe, tail, ended, held = process.stdout.fileno(), b"", False, True
+    watch = select.poll()
+    watch.register(pipe, select.POLLIN)
     while not ended and time.monotonic() < deadline_s:
         ended = process.poll() is not None
-        while select.select([pipe], [], [], 0.0 if ended else _LOOK_S)[0] and time.monotonic() < deadline_s:
+        while watch.poll(0.0 if ended else _LOOK_S * 1e3) and time.monotonic() < deadline_s:
             part = os.read(pipe, 65536)
             tail = (tail + part)[-_TAIL_BYTES:]
             if not part:
