@@ -15,7 +15,7 @@ from pathlib import Path
 from replay_bags import START_NS, make, write_bag
 from rosbags.rosbag1 import Reader
 
-from amaze_autonomy.bags.format import chunk_header, chunk_info, index_header
+from amaze_autonomy.bags.format import CHUNK_INFO, CONNECTION, chunk_header, chunk_info, index_header, record_at
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.write import Output
 
@@ -102,6 +102,30 @@ def chunk_ends(path):
     with Index(path) as index:
         heads = [index.head(each) for each in range(len(index.chunks))]
         return [(head.data + head.stored, chunk.messages) for head, chunk in zip(heads, index.chunks)]
+
+
+def reindexed(path, output, change):
+    """Write a closed bag with another index.
+
+    Args:
+        path: of a bag.
+        output: path of the other one.
+        change: takes the records of connections and those of chunks, and returns those that the index is to have.
+    """
+    raw = path.read_bytes()
+    with Index(path) as index:
+        place, position = index.position, index.position
+    found = {CONNECTION: [], CHUNK_INFO: []}
+    while place < len(raw):
+        record = record_at(raw, place, len(raw))
+        found[record.op].append(raw[place : record.end])
+        place = record.end
+    body, counted = raw[:position], change(found[CONNECTION], found[CHUNK_INFO])
+    for name, records in zip((b"conn_count=", b"chunk_count="), counted):
+        at = body.index(name) + len(name)
+        body = body[:at] + struct.pack("<L", len(records)) + body[at + 4 :]
+    output.write_bytes(body + b"".join(record for records in counted for record in records))
+    return output
 
 
 def unclosed(path, output, cut=None):

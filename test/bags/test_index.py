@@ -7,13 +7,15 @@ import struct
 import tracemalloc
 
 import pytest
-from bag_tools import bag, rows
+from bag_tools import COMPRESSIONS, bag, multiset, reindexed, rows
 from hypothesis import given
 from hypothesis import strategies as st
 
 from amaze_autonomy.bags.arrays import index_records, joined_parts
+from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Entries, Index
+from amaze_autonomy.bags.recover.recover import recover
 from amaze_autonomy.bags.recover.salvage import Kept
 
 times = st.tuples(st.integers(0, 3) | st.integers(0, 2**32 - 1), st.integers(0, 5) | st.integers(0, 999_999_999))
@@ -83,6 +85,50 @@ def test_an_index_that_counts_a_connection_of_a_chunk_twice_is_refused(tmp_path)
     source.write_bytes(raw.replace(said, struct.pack("<4L", 0, 3, 0, 3)))
     with pytest.raises(BagError, match="it counts the messages of a connection twice"):
         Index(source)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("place", [0, 1, 4, -1])
+def test_a_chunk_that_the_index_does_not_name_is_refused_wherever_it_is(tmp_path, compression, place):
+    source = bag(tmp_path / "1.bag", rows("/a", 100), rows("/b", 60, first_ms=5000), compression=compression)
+    with Index(source) as index:
+        chunks = [chunk.position for chunk in index.chunks]
+    path = reindexed(
+        source, tmp_path / "2.bag", lambda links, each: (links, [one for one in each if one != each[place]])
+    )
+    before = f"the chunk at byte {chunks[place - 1]} is damaged: the one behind it is not named by the bag's index"
+    assert opened(path) == (
+        before if place else f"the index is damaged (it does not name the chunk at byte {chunks[0]})"
+    )
+    for command in (["merge"], ["filter", "--topics", "/a"], ["filter", "--topics", "/b"]):
+        assert main([*command, "-o", str(tmp_path / "out.bag"), str(path)]) == 1
+    assert main(["doctor", str(path)]) == 3
+    assert multiset(recover(path, tmp_path / "out.bag").path) == multiset(source)
+
+
+def test_a_chunk_that_the_index_names_twice_is_refused(tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 100))
+    with Index(source) as index:
+        position = index.chunks[1].position
+    path = reindexed(source, tmp_path / "2.bag", lambda links, each: (links, [*each, each[1]]))
+    assert opened(path) == f"the index is damaged (it names the chunk at byte {position} twice)"
+    assert multiset(recover(path, tmp_path / "out.bag").path) == multiset(source)
+
+
+@pytest.mark.parametrize("renamed", [b"/c", b"/a"])  # of another topic, then only of another publisher
+def test_an_index_in_which_two_connections_have_one_number_is_refused(tmp_path, renamed):
+    def another(links, chunks):
+        return [*links, links[0].replace(b"/a", renamed).replace(b"/recorder", b"/recordex")], chunks
+
+    source = bag(tmp_path / "1.bag", rows("/a", 3), rows("/b", 3))
+    wrong = f"the index is damaged (two connections have the number 0, /a and {renamed.decode()})"
+    assert opened(reindexed(source, tmp_path / "2.bag", another)) == wrong
+
+
+def test_an_index_may_say_twice_the_same_of_a_connection(tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 3), rows("/b", 3))
+    path = reindexed(source, tmp_path / "2.bag", lambda links, chunks: ([*links, links[0]], chunks))
+    assert opened(path) == opened(source)
 
 
 def opened(path):

@@ -202,6 +202,9 @@ class Index:
         place = self._read_connections(tail, header.number(b"conn_count"))
         self.chunks, place = self._read_chunks(tail, place, header.number(b"chunk_count"))
         require(not _goes_on(tail, place), "it has more records than the header counts")
+        first = self.chunks[0].position if self.chunks else self.position
+        begin = os.pread(self.file, min(first - header.end, _HEAD_BYTES), header.end) if first > header.end else b""
+        require(not _is_chunk(begin, 0, len(begin)), f"it does not name the chunk at byte {header.end}")
         self._heads: Dict[int, ChunkHead] = {}
 
     def _length(self, header: Record) -> int:
@@ -232,7 +235,10 @@ class Index:
             record = _expected(tail, place, CONNECTION)
             connection = connection_of(record, tail[record.data : record.end])
             require(connection.number <= LARGEST_NUMBER, f"a connection has the number {connection.number}")
-            self.connections[connection.number] = connection
+            other = self.connections.setdefault(connection.number, connection)
+            if other != connection:
+                topics = f"{other.topic} and {connection.topic}"
+                raise RecordError(f"two connections have the number {connection.number}, {topics}")
             place = record.end
         return place
 
@@ -254,6 +260,9 @@ class Index:
         positions = sorted(record.number(b"chunk_pos") for record, _ in found)
         if positions and positions[-1] >= self.position:
             raise RecordError("it names a chunk behind itself")
+        for one, other in zip(positions, positions[1:]):
+            if one == other:
+                raise RecordError(f"it names the chunk at byte {one} twice")
         ends = dict(zip(positions, [*positions[1:], self.position]))
         return sorted(
             ChunkInfo(
@@ -465,21 +474,29 @@ def index_parts(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) 
             raise RecordError("the index behind it is not what the bag's index says")
         parts.append((connection, view[data : data + INDEX_ENTRY * count]))
         place = data + size
-    if place < limit and _has_entries(buffer, place, limit):
-        raise RecordError("the index behind it is not what the bag's index says")
+    wrong = _wrong_behind(buffer, place, limit)
+    require(not wrong, wrong)
     return parts, place
 
 
-def _has_entries(buffer: Buffer, place: int, limit: int) -> bool:
-    """Return whether an index record with messages stands at a place, or behind empty ones there."""
+def _wrong_behind(buffer: Buffer, place: int, limit: int) -> str:
+    """Return what is wrong where the index behind a chunk should have ended; it may go on with empty records."""
+    while place < limit:
+        try:
+            _, data, size = index_record_at(buffer, place, limit)
+        except RecordError:  # a record of another kind: the index records end there
+            return "the one behind it is not named by the bag's index" if _is_chunk(buffer, place, limit) else ""
+        if size:
+            return "the index behind it is not what the bag's index says"
+        place = data
+    return ""
+
+
+def _is_chunk(buffer: Buffer, place: int, limit: int) -> bool:
     try:
-        while place < limit:
-            _, place, size = index_record_at(buffer, place, limit)
-            if size:
-                return True
+        return record_at(buffer, place, limit).op == CHUNK
     except RecordError:
-        return False  # a record of another kind: the index records end there
-    return False
+        return False
 
 
 OTHERWISE = "it describes a connection otherwise than the bag's index"

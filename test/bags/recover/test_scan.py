@@ -397,6 +397,20 @@ def test_two_connections_of_one_number_in_a_bag_that_was_not_closed_are_told(tmp
     assert [each for each in scan(whole).damages if "two connections" in each.what] == []
 
 
+@pytest.mark.parametrize("check_data", [True, False])
+def test_two_connections_of_one_number_in_a_closed_bag_are_told(tmp_path, check_data):
+    """Each chunk describes its own, and the index has both: no reader can tell whose messages are whose."""
+    whole = bag(tmp_path / "whole.bag", rows("/a", 100), rows("/b", 100, first_ms=5000))
+    raw, path = whole.read_bytes(), tmp_path / "x.bag"
+    assert raw.count(b"conn=\x01\0\0\0") > 100
+    path.write_bytes(raw.replace(b"conn=\x01\0\0\0", b"conn=" + bytes(4)))
+    found = scan(path, check_data=check_data).damages
+    assert [each.what for each in found if "two connections" in each.what] == [
+        "two connections have the number 0, /a and /b: the first is kept, messages of it from there on may be the "
+        "other's"
+    ]
+
+
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 @pytest.mark.parametrize("check_data", [True, False])
 def test_a_closed_bag_that_is_cut_between_two_chunks_lacks_what_its_header_counts(tmp_path, compression, check_data):

@@ -606,7 +606,8 @@ class _Scanner:
 
     def _all_known(self, entries: Entries) -> bool:
         """Return whether there is nothing to be learnt; a chunk without messages may be there for its connections."""
-        return entries.messages > 0 and all(number in self._settled for number, _ in entries.counts())
+        numbers = [number for number, _ in entries.counts()]
+        return bool(numbers) and self._settled.issuperset(numbers) and self._doubtful.isdisjoint(numbers)
 
     def _learn(self, kept: Kept, position: int) -> None:
         for each in kept.connections.values():
@@ -622,7 +623,7 @@ class _Scanner:
     def _tell_other(self, connection: Connection, position: int) -> None:
         """Tell of a connection in a chunk that has the number of another one, where no index says whose that is."""
         number, known = connection.number, self._connections.get(connection.number)
-        if known is None or known.name == connection.name or number not in self._learnt or number in self._indexed:
+        if known is None or known.name == connection.name or number not in self._learnt or number in self._named:
             return
         what = (
             f"two connections have the number {number}, {known.topic} and {connection.topic}: the first is kept, "
