@@ -170,6 +170,8 @@ def test_an_ardupilot_without_any_height_above_home_climbs_from_where_it_stands(
     flying.planner.watch.place_ns = 0
     flying.take_off("inside")
     flying.until_phase(P.FLYING, limit_ns=15 * S)
+    assert "takeoff" in flying.since(0)
+    assert flying.craft.height_m == pytest.approx(LIMITS.takeoff_height_m, abs=0.4)
 
 
 @pytest.mark.parametrize("drift_m", [2.0, -3.0])

@@ -198,8 +198,8 @@ _PREPARE = Step(
 _HOME = Step("home where it stands", _is_home, lambda _: None, always=False, why=_why_not_home)
 #: a hold before lift-off ends the takeoff, and may be resumed
 _HOME_ON_GROUND = _HOME._replace(done=lambda means, t_ns: _is_off(means) or _is_home(means, t_ns))
-#: so does the height of ArduPilot's takeoff by command; one that never tells a height above home has no home, and
-#: counts from where it arms
+#: The height of ArduPilot's takeoff by command counts from home, too; one that never tells a height above home has no
+#: home, and counts from where it arms.
 _HOME_OF_LIFT = _HOME._replace(
     done=lambda means, t_ns: _is_off(means) or not means.watch.place_ns or _is_home(means, t_ns),
     only=Dialect.ARDUPILOT,
@@ -272,12 +272,8 @@ _STEPS: Mapping[_Key, Tuple[Step, ...]] = {
     (Controller.MISSION, MissionAction.ABORT): (_DISARMING,),  # on the ground; airborne it is LAND
     (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _ARMING, _HOME_OF_LIFT, _LIFT),
     (Controller.OFFBOARD, MissionAction.HOLD): (_STREAM, _enter(OFFBOARD), _STILL),
-    (Controller.OFFBOARD, MissionAction.RESUME): (
-        _STREAM,
-        _enter(OFFBOARD),
-        _HOME_OF_LIFT,
-        _LIFT,
-    ),  # a takeoff that was held
+    # the last two are for a takeoff that was held
+    (Controller.OFFBOARD, MissionAction.RESUME): (_STREAM, _enter(OFFBOARD), _HOME_OF_LIFT, _LIFT),
     (Controller.OFFBOARD, MissionAction.LAND): (_LANDING,),
     (Controller.OFFBOARD, MissionAction.ABORT): (_DISARMING,),
 }

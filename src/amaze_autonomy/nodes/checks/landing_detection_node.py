@@ -133,7 +133,7 @@ class LandingDetectionNode:
         self._publisher.publish(status_message(status, self._clock.ros_ns()))
 
     def end(self) -> None:
-        """End; from any thread and from signal handlers."""
+        """End; from any thread."""
         self._ended = True
         self._reader.wake()
 

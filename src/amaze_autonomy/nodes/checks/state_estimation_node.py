@@ -213,7 +213,7 @@ class StateEstimationNode:
                 self._diagnostics.publish(now_ns, self._verdict().checks)
 
     def end(self) -> None:
-        """End; from any thread and from signal handlers."""
+        """End; from any thread."""
         self._ended = True
         self._reader.wake()
 

@@ -281,7 +281,7 @@ class CnsPeersNode:
         rospy.Subscriber("autopilot/status", kind, self._see_vehicle, queue_size=1, tcp_nodelay=True)
 
     def end(self) -> None:
-        """End; from any thread and from signal handlers."""
+        """End; from any thread."""
         self._ended = True
 
 

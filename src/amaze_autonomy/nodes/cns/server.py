@@ -243,7 +243,7 @@ class CnsServerNode:
         self._requests.close()
 
     def end(self) -> None:
-        """End; from any thread and from signal handlers."""
+        """End; from any thread."""
         self._ended = True
 
 

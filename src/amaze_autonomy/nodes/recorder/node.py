@@ -173,7 +173,7 @@ class DataRecorderNode:
     # --- end ------------------------------------------------------------------------------------------------------
 
     def end(self) -> None:
-        """End; from any thread and from signal handlers."""
+        """End; from any thread."""
         self._ended = True
         self._share.wake.set()
 
@@ -201,7 +201,7 @@ class AbsentPlatform:
         self._ended.wait()
 
     def end(self) -> None:
-        """End; from any thread and from signal handlers."""
+        """End; from any thread."""
         self._ended.set()
 
 

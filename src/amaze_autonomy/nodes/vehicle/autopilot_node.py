@@ -195,7 +195,7 @@ class AutopilotNode:
         print(f"autopilot: ended in flight: {answer.message}", flush=True)
 
     def end(self) -> None:
-        """End; from any thread and from signal handlers."""
+        """End; from any thread."""
         self._loop.end()
 
 

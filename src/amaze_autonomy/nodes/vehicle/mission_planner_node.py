@@ -222,7 +222,7 @@ class MissionPlannerNode:
         self._link.wait_for(condition, max(0.0, until_s - time.monotonic()))
 
     def end(self) -> None:
-        """End; from any thread and from signal handlers."""
+        """End; from any thread."""
         self._loop.end()
 
 

@@ -156,6 +156,6 @@ class LevelLoop:
             self._news.put(None)
 
     def end(self) -> None:
-        """End; from any thread and from signal handlers."""
+        """End; from any thread."""
         self.ended = True
         self._wake()

@@ -234,7 +234,7 @@ class WatchdogNode:
         self._reader.close()
 
     def end(self) -> None:
-        """End; from any thread and from signal handlers."""
+        """End; from any thread."""
         self._ended = True
         self._loop.stop()
 

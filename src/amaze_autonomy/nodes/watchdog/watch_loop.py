@@ -190,7 +190,7 @@ class WatchLoop:
         self._reader.wake()
 
     def stop(self) -> None:
-        """End; from any thread, and from signal handlers."""
+        """End; from any thread."""
         self._stopped = True
         self._reader.wake()
 
