@@ -37,16 +37,31 @@ def umask_of_nodes():
     os.umask(before)
 
 
+@pytest.hookimpl(tryfirst=True)  # before it is decided what of the night is left out
 def pytest_collection_modifyitems(config, items):
-    """With few examples, a test of many rows has its first and its last one."""
-    if PROFILE != "few":
-        return
+    """Leave rows of slow tests to the night (`slow_rows`), and with few examples those between the first and the last.
+
+    What waits for the jobs beside this run comes last.
+    """
     rows = {}
     for item in items:
         rows.setdefault(item.nodeid.partition("[")[0], []).append(item)
-    kept = {id(item) for each in rows.values() for item in (each[0], each[-1])}
-    config.hook.pytest_deselected(items=[item for item in items if id(item) not in kept])
-    items[:] = [item for item in items if id(item) in kept]
+    for each in rows.values():
+        mark = each[0].get_closest_marker("slow_rows")
+        for item in () if mark is None else each[1:] if mark.args == (1,) else each[1:-1]:
+            item.add_marker("night")
+    if PROFILE == "few":
+        between = {id(item) for each in rows.values() for item in each[1:-1]}
+        config.hook.pytest_deselected(items=[item for item in items if id(item) in between])
+        items[:] = [item for item in items if id(item) not in between]
+    items.sort(key=lambda item: item.path.name == "test_stages.py")
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Show how the jobs ended that ran before this run or beside it: each shows that itself, but its log is a file."""
+    for log in sorted(Path(os.environ.get("AMAZE_STAGES", os.devnull)).glob("*.log")):
+        lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+        terminalreporter.write_line(f"{log.stem}: {lines[-1] if lines else 'said nothing'}")
 
 
 @pytest.hookimpl(wrapper=True)

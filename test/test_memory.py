@@ -93,6 +93,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_small_bag_that_unpacks_to_much_takes_no_more_than_is_permitted(folder, capsys, name):
     program, verb = name.split()

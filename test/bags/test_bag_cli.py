@@ -368,6 +368,7 @@ def test_a_verdict_on_copies_of_the_inputs_is_kept_and_not_where_these_lie(capsy
         assert (after["verified"]["ok"], after["inputs"]) == (status == 0, before["inputs"])
 
 
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize("duplicates", ["count", "drop"])
 def test_a_verified_bag_whose_inputs_are_gone_is_compared_with_its_manifest(capsys, tmp_path, two, duplicates):
     """`keep_parts: false` removes them on purpose."""
@@ -522,6 +523,7 @@ def test_a_folder_is_no_bag(capsys, two, arguments, folder):
     assert run(capsys, *arguments, folder, *more) == (1, "", expected)
 
 
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize(
     "command", [["filter", "--to", "0.5"], ["cut", "--to", "0.5"], ["recover"], ["merge", "--duplicates", "drop"]]
 )

@@ -87,6 +87,7 @@ def test_texts_arrays_and_messages_within_are_the_librarys(tmp_path):
     assert compared(strange_bag(tmp_path / "x.bag")) == (200, 1)
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("path", sorted(DATA.glob("*.bag")) or [None], ids=lambda path: getattr(path, "stem", "none"))
 def test_every_message_of_a_real_recording_is_the_librarys(path, tmp_path):
     if path is None:

@@ -49,6 +49,7 @@ def large_ones(path, *, unseen=True):
         return sum(int((block.origin >= 0).sum()) for block in blocks)
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("sizes", [(200_000,), (70_000, 300, 65_000, 64_000), (2_000_000, 100)], ids=str)
 @pytest.mark.parametrize("output", ["auto", "none", "lz4"])
 def test_they_are_merged_byte_for_byte(tmp_path, sizes, output):

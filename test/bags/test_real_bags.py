@@ -31,6 +31,7 @@ def real(name):
     return DATA / f"{name}.bag"
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("pair", PAIRS, ids=" + ".join)
 def test_two_recordings_become_one(tmp_path, pair):
     inputs = [real(name) for name in pair]
@@ -38,6 +39,7 @@ def test_two_recordings_become_one(tmp_path, pair):
     assert verify(tmp_path / "merged.bag", inputs, readers="none").problems == ()
 
 
+@pytest.mark.night
 @pytest.mark.parametrize("compression", ["auto", "none", "lz4", "bz2"])
 def test_recordings_become_one_that_everybody_reads(tmp_path, compression):
     inputs = [real(name) for name in (NAMES if compression == "auto" else NAMES[2:4])]

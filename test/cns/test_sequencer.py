@@ -268,6 +268,7 @@ def test_a_landing_that_does_not_come_down_has_a_limit(make, configuration):
 # --- waypoints that it skips ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("latency_ns", [0, LATENCY_NS])
 @pytest.mark.parametrize(
     "skips, words, result",

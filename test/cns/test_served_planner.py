@@ -569,6 +569,7 @@ def test_the_hover_at_the_end_of_a_mission_is_no_hold_of_its_list(hover_at_end_s
     assert serving.reached == pytest.approx(turned(LINE.waypoints))
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("place", range(5))
 def test_a_list_with_a_number_that_is_none_is_not_taken_and_said(number, place):
@@ -647,6 +648,7 @@ def test_a_process_that_is_started_again_in_flight_goes_on_with_the_mission(stag
     assert serving.stage == "IDLE"
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("height_m", [0.0, 0.1, 0.5, None])
 def test_a_process_that_is_started_again_before_the_list_came_does_not_fly_the_mission_unasked(height_m):
     serving = configured() if height_m is None else Serving(LINE)

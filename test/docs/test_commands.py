@@ -169,6 +169,7 @@ def test_a_command_is_one_that_there_is(shown):
 # --- it runs ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("block", [block for block in BLOCKS if block.is_run], ids=str)
 def test_a_block_runs_as_it_stands(block, tmp_path, monkeypatch, capsys):
     pytest.importorskip("plotly")

@@ -129,10 +129,12 @@ class Campaign:
             out.write(json.dumps(one) + "\n")
 
     def run(self, mutants: Sequence[Mutant], nets: Sequence[str], tell: Tell) -> None:
-        """Show every mutant to every net that does not know it yet."""
+        """Show every mutant to every net that does not know it yet, first those that nobody has caught so far."""
         tasks = [Task(mutant, net) for mutant in mutants for net in nets if (mutant.key, net) not in self.known]
         if not tasks:
             return
+        caught = {key for (key, _), by in self.known.items() if by}
+        tasks.sort(key=lambda task: task.mutant.key in caught)
         self._prepare({task.net for task in tasks})
         free = list(self.trees)
         running: Dict[int, Running] = {}

@@ -273,6 +273,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("case", CASES)
 def test_a_launch_file_gives_each_node_its_words_and_sets_no_such_parameter(case, monkeypatch):
     monkeypatch.setenv("ROS_HOME", "/ros_home")

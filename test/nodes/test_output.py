@@ -358,6 +358,7 @@ def test_a_run_that_went_on_elsewhere_and_has_ended_is_not_unfinished(tmp_path):
     assert found_in(place) is None
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "given, runs, recordings",
     [

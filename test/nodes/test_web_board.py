@@ -85,6 +85,7 @@ def test_what_is_the_same_is_not_sent_again():
     assert list(board.since(have, 0.2)[0]["parts"]) == ["state"]
 
 
+@pytest.mark.night
 def test_eight_hours_do_not_grow():
     board = Board("b-1")
     for half_second in range(8 * 3600 * 2):

@@ -528,6 +528,7 @@ def test_names_of_others_are_never_markup_and_without_plotly_all_but_the_plots_i
         assert page.driver.execute_script(hidden) == [False, True, True]
 
 
+@pytest.mark.night
 def test_every_scene_of_the_console_is_shown_by_a_light_and_a_dark_page_without_an_error(field):
     field.freeze()
     with opened(field.port) as light, opened(field.port, dark=True) as dark:
@@ -600,6 +601,7 @@ def test_an_alarm_in_land_and_an_engine_that_is_silent_in_flight_flash_and_sound
         page.until(lambda: ALARM_HZ in script(TONES), "tone of the silence")
 
 
+@pytest.mark.night
 def test_many_messages_do_not_make_the_page_grow(field):
     def say(first):
         async def post():

@@ -293,6 +293,7 @@ def test_a_whole_path_is_a_folder_of_a_launch(name, given):
     assert substitution.resolve_args(check, {"arg": {name: given}}) == "True"
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("words", [("platform:=1",), ("platform:=true",), ("platform:=main", "transfer:=1")])
 @pytest.mark.parametrize("processes", ["separate", "forked"])
 @pytest.mark.parametrize("simulation", ["true", "false"])

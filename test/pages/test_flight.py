@@ -189,6 +189,7 @@ def queued():
     return simulated(mission="2,1")
 
 
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize("flight, mission", [(0, "2"), (1, "1")], ids=["first", "second"])
 def test_each_of_two_queued_missions_has_its_own_page_out_of_the_journal_of_both(queued, tmp_path, flight, mission):
     configuration = load_configuration(CONFIG)

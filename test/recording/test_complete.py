@@ -145,6 +145,7 @@ def test_what_the_flight_lacks_is_told_apart_from_what_was_lost_on_the_ground(tm
     assert tolerated.message.endswith(f"lost: {gap}; nothing of the flight, or it is tolerated")
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "landed_s, lost",
     [
@@ -357,6 +358,7 @@ def test_clocks_that_are_three_seconds_apart_are_corrected_when_that_is_asked(tm
     assert [each["offset_ns"] for each in manifest(session)["inputs"]] == [0, -3 * S]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("keys", [("file", "bytes", "messages", "sha256"), ("file", "bytes", "sha256")])
 @pytest.mark.parametrize("measured", [True, False])
 def test_the_part_of_an_own_recorder_needs_a_list_of_its_files_and_no_more(tmp_path, keys, measured):

@@ -61,6 +61,7 @@ def session(tmp_path):
     return two_platforms(tmp_path)  # 300 messages of each of /a and /b on main, of /c on second
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("damage", [damage_data, damage_head])
 @pytest.mark.parametrize("name", ["main/states-01.bag", "second/realsense-01.bag"])
 def test_a_listed_bag_with_damaged_data_lacks_what_is_damaged_and_the_rest_is_merged(session, damage, name):
@@ -227,6 +228,7 @@ def test_so_it_is_when_a_gap_outside_of_the_flight_follows(tmp_path, place):
     assert told(content, START_NS + 10 * S, START_NS, end_ns - 500 * MS) == [UNKNOWN]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("place", INSIDE)
 def test_so_it_is_when_it_has_to_be_recovered_beside_it_or_on_the_collector(tmp_path, monkeypatch, place):
     folder = tmp_path / "main"
@@ -306,6 +308,7 @@ def test_a_comment_that_is_not_utf_8_hinders_no_merge_and_is_no_loss(session, na
     assert made["warnings"] == ([] if name.endswith(".active") else [f"/d: {UNREADABLE}; it is written as text"])
 
 
+@pytest.mark.slow_rows
 @NAMES
 @pytest.mark.parametrize("tolerated", [[], ["/d"]])
 def test_a_definition_that_is_damaged_hinders_no_merge_and_is_a_loss(session, name, tolerated):

@@ -74,6 +74,7 @@ def remove(path):
 DAMAGES = (flip, flip_unseen, cut, remove)
 
 
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_what_came_whole_is_kept_and_used_whatever_became_of_it_where_it_came_from(there, session, damage):
     fetch(there, session)
@@ -89,6 +90,7 @@ def test_what_came_whole_is_kept_and_used_whatever_became_of_it_where_it_came_fr
     assert not list((session / "second").glob(".*")), "nothing is put aside"
 
 
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_so_it_is_when_more_was_recorded_before_it_was_listed_anew(there, session, damage):
     fetch(there, session)

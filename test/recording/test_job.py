@@ -103,6 +103,7 @@ def test_it_ends_when_nobody_waits_for_it_any_more(tmp_path):
     process.stderr.close()
 
 
+@pytest.mark.night
 @pytest.mark.parametrize("seed", [1])
 def test_killed_at_twenty_random_moments_it_goes_on_and_the_recording_is_complete(tmp_path, seed):
     session = tmp_path / "s1_m"

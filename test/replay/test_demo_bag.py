@@ -123,6 +123,7 @@ def test_without_the_journal_the_script_selects_and_the_sessions_are_matched(tmp
     assert outcome.state.session.id == "20200913T122640-001"
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "topic",
     ["/watchdog/action", "/mission_planner/status", "/autopilot/status", "/landing_detection/landed", "/px4/imu"],

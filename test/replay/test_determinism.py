@@ -90,6 +90,7 @@ def test_the_version_of_python_and_of_the_library_does_not_matter(tmp_path, flig
     assert replayed_by(python, bag, flight_map, tmp_path / "other") == mine
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("topic", ["/imu", "/range", "/mag", "/battery", "/armed", "/landed"])
 def test_muting_any_topic_of_the_map_changes_the_journal(flight_bag, flight_map, topic):
     whole, muted = replay(flight_bag, flight_map)[0], replay(flight_bag, flight_map, muted=[topic])[0]

@@ -179,6 +179,7 @@ UNREAD = [
 ]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("key, value, reason", UNREAD, ids=[key for key, _, _ in UNREAD])
 def test_a_key_that_a_journal_cannot_look_at_is_named_and_is_the_exit_status(journal_file, capsys, key, value, reason):
     change = ["--set", f"{key}={value}"]

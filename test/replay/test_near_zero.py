@@ -42,6 +42,7 @@ def decided(outcome):
     return [dataclasses.replace(each, t_ns=each.t_ns - outcome.start_ns, values=()) for each in outcome.decisions]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("begin_s", [0.2, 1, 50, 1000])
 @pytest.mark.parametrize("from_s", [0, 12])
 def test_a_flight_of_a_clock_near_0_is_decided_as_that_of_any_day(tmp_path, flight_map, begin_s, from_s):

@@ -54,6 +54,7 @@ def test_a_tilt_limit_of_a_height_is_not_looked_at(flight_bag, flight_map):
     ]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "rate, limit",
     [

@@ -160,12 +160,14 @@ UNREAD = {
 }
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("key", UNREAD)
 def test_a_key_that_nothing_looked_at_is_named_with_the_reason(bag, key, capsys):
     assert main(["run", str(bag), "--map", "amaze_demo", "--set", key]) == 4
     assert f"VACUOUS: {key.partition('=')[0]} was not looked at: {UNREAD[key]}\n" in capsys.readouterr().out
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "key",
     [

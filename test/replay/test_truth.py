@@ -130,6 +130,7 @@ def compared(name):
     return rows
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("name", FULL)
 def test_ours_says_what_is_true(name):
     wrong = [(fact, true, ours) for fact, true, ours, tolerance in compared(name) if not agree(true, ours, tolerance)]

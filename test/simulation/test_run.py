@@ -66,6 +66,7 @@ def in_short(names):
     return tuple(short)
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("mission_id", ["1", "2", "3", "4", "5"])
 @pytest.mark.parametrize("seed", [0, 7])
 def test_a_nominal_mission_is_nominal(configuration, mission_id, seed):
@@ -82,6 +83,7 @@ def events_of(result):
     return [line.payload for line in lines if isinstance(line.payload, Event)]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("name", ["", *STORIES])
 def test_a_journal_of_delta_lines_decides_the_same(flown, name):
     """The law of the journal's short form: events and decisions of every flight, bit for bit."""
@@ -161,6 +163,7 @@ def test_there_is_a_story_for_every_shipped_scenario_and_no_other(config_folder)
     assert sorted(STORIES) == sorted(file.stem for file in (config_folder / "faults").glob("*.yaml"))
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("name", STORIES)
 def test_a_shipped_scenario_ends_as_it_must(flown, name):
     result, expected = flown(name), STORIES[name]
@@ -190,6 +193,7 @@ def test_no_time_is_left_of_a_hold_when_restarting_is_given_up_and_it_lands(flow
     assert abs(ends_ns[-1] - landed_ns) <= 0.3 * S
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("name", STORIES)
 def test_every_request_of_the_scenarios_user_is_done(flown, name):
     answers = [each for _, each in flown(name).commands if isinstance(each, Answer)]

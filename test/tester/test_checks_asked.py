@@ -16,6 +16,7 @@ SUITE = Path(__file__).parents[1] / "scenarios"
 CHECKS = [f"{RunCheck.__name__}({check.name})" for check in CheckName]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "name, rounds", [("nominal", 2), ("checks_slow", 3), ("two_missions", 4), ("go_never_given", 6)]
 )

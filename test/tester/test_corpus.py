@@ -63,6 +63,7 @@ def run(corpus, capfd, *arguments):
     return status, out, [line.split()[0] for line in err.splitlines() if line.strip()]
 
 
+@pytest.mark.night
 def test_two_processes_print_what_one_prints(corpus, capfd):
     one = run(corpus, capfd, "-j1")
     assert one[0] == 0
@@ -87,6 +88,7 @@ def test_the_results_have_figures(corpus, capfd, tmp_path):
     assert all(each["wall_s"] > 0 and each["cpu_s"] > 0 and each["peak_mb"] > 10 for each in figures.values())
 
 
+@pytest.mark.night
 @pytest.mark.parametrize("jobs", ["-j1", "-j2"])
 def test_damage_of_bags_is_said_first(corpus, capfd, jobs):
     path = Path(os.environ["AMAZE_DATA"]) / "long.bag"
@@ -127,6 +129,7 @@ def test_a_process_that_is_killed_costs_nothing_when_its_task_can_be_run_by_itse
     assert (status, out.splitlines()[-1].split(";")[0]) == (0, "3 PASS")
 
 
+@pytest.mark.night
 def test_a_task_whose_process_is_killed_again_is_an_error_and_the_others_have_results(corpus, capfd, killed, tmp_path):
     killed("always")
     status, out, _ = run(corpus, capfd, "-j2", "--no-doctor", "--json", str(tmp_path / "r.json"))
@@ -195,6 +198,7 @@ def test_a_bag_that_cannot_be_fetched_is_an_error_of_its_scenarios_alone(corpus,
     assert sorted(path.name for path in kept_in(elsewhere).iterdir()) == ["short.bag"]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("way", ["..", "inside/..", "linked"])
 def test_nothing_is_fetched_to_a_place_outside_of_what_is_kept(corpus, capfd, elsewhere, tmp_path, way):
     """The scenario may be anybody's: it names no file of its reader, here or there, that would be replaced."""
@@ -238,6 +242,7 @@ def cluster():
         yield cluster.scheduler_address
 
 
+@pytest.mark.night
 @pytest.mark.filterwarnings("default")
 def test_a_cluster_prints_what_one_process_prints(cluster, corpus, capfd, tmp_path, monkeypatch):
     expected = run(corpus, capfd, "-j1")[:2]

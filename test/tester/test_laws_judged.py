@@ -34,6 +34,7 @@ def written(tmp_path, monkeypatch, flown):
     return {"journal": HEAD + "journal: j.jsonl\n", "events": f"{HEAD}events:\n{events}"}
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("source", ["journal", "events"])
 @pytest.mark.parametrize("sets, options, height_m", [(SETS, Options(goldens=False), 1.4), ("", OTHER, 1.3)])
 def test_the_header_of_what_is_decided_again_carries_the_rules_of_the_run(written, source, sets, options, height_m):

@@ -66,6 +66,7 @@ def test_there_is_a_mutant_of_every_kind_among_them(configuration):
     assert {mutants[name] for name in CAUGHT_BY} == set(mutants.values())
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("mutant", RUN)
 def test_a_mutant_is_caught(mutant):
     name = CAUGHT_BY[mutant]

@@ -34,6 +34,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("name", OUTPUTS)
 def test_an_output_replaces_one_of_its_kind_and_nothing_else(folder, capsys, name):
     words, kind = OUTPUTS[name]

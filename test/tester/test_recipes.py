@@ -103,6 +103,7 @@ def test_a_recipe_fetches_once_replays_and_shows(team, recipe):
     assert (team / "step_summary").exists() == (recipe is github)
 
 
+@pytest.mark.night
 @pytest.mark.parametrize("recipe", [github, gitlab])
 def test_a_scenario_that_fails_fails_the_job_and_is_shown_all_the_same(team, recipe):
     (team / "flights" / "demo.scenario.yaml").write_text(SCENARIO % "PILOT")

@@ -69,6 +69,7 @@ SEEN = {
 }
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("fault", SEEN)
 def test_peers_and_engine_fail_in_a_recording(fault):
     flies = "mission_planner/load" not in fault  # else nothing asks how high a takeoff is

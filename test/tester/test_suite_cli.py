@@ -127,6 +127,7 @@ def piped(verb, streams):
     return done.stdout
 
 
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize("streams", ["", "2>&1"])
 @pytest.mark.parametrize("verb", ["coverage", "accept --reason=long_enough"])
 def test_a_reader_that_has_enough_changes_no_verdict(folder, verb, streams):
@@ -134,6 +135,7 @@ def test_a_reader_that_has_enough_changes_no_verdict(folder, verb, streams):
     assert piped(verb, streams) == "1\n"
 
 
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize("streams", ["", "2>&1"])
 @pytest.mark.parametrize("verb", ["test", "corpus"])
 def test_nor_what_is_written_of_it(folder, verb, streams):

@@ -101,6 +101,7 @@ def test_an_override_of_the_command_line_is_named_as_it_was_written(tmp_path, mo
     assert result.headline.startswith("override autonomy.requir_go=no: requir_go: is an unknown key")
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "known",
     [

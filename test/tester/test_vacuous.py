@@ -54,6 +54,7 @@ VACUOUS = {
 }
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("more", VACUOUS)
 def test_a_test_that_rests_on_what_nothing_looked_at_is_vacuous(more):
     verdict, headline = result(more)
@@ -61,6 +62,7 @@ def test_a_test_that_rests_on_what_nothing_looked_at_is_vacuous(more):
     assert headline.startswith(VACUOUS[more])
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "more",
     [
@@ -82,6 +84,7 @@ NEVER = {
 }
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("more", NEVER)
 def test_what_never_comes_in_a_recording_is_vacuous(more):
     assert result(more) == ("VACUOUS", NEVER[more])
@@ -193,6 +196,7 @@ def test_two_simulated_faults_that_are_the_same_in_words_keep_their_times():
     assert [mark[1:3] for mark in played.marks] == [(20.0, 50.0), (40.0, 42.0)]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "key,verdict",
     [

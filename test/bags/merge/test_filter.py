@@ -61,6 +61,7 @@ PARTS = [
 ]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("part", PARTS)
 def test_a_part_has_what_is_wanted_in_order_of_time(source, tmp_path, part):
     done = filter_bag(source, tmp_path / "part.bag", part)

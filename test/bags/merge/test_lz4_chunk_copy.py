@@ -67,6 +67,7 @@ def spans(path):
         return [(chunk.start_ns, chunk.end_ns) for chunk in index.chunks if chunk.counts]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("output", ["auto", "lz4", "none", "bz2"])
 def test_every_message_is_there_and_images_stay_compressed_where_they_may(tmp_path, two, output):
     result = merged(tmp_path, two, compression=output)

@@ -210,6 +210,7 @@ def test_the_definition_of_a_type_is_kept_whichever_input_has_it(tmp_path, place
     assert said == sorted(raw[4:].decode() for _, _, raw in contents(path))
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("bad", [(0,), (1,), (0, 1)])
 def test_a_definition_that_is_not_utf_8_is_made_text_unless_an_input_has_a_readable_one(tmp_path, bad):
     inputs = [bag(tmp_path / f"{each}.bag", rows("/a", 20, tag=str(each), caller="/n")) for each in range(2)]

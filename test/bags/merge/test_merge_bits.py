@@ -109,6 +109,7 @@ def described(path, where):
     return [begin + at for each in found for at in range(each.start() + each.group().index(b"=") + 1, each.end())]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "where, compression", [("index", "none"), ("index", "lz4"), ("index", "bz2"), ("chunk", "none")]
 )

@@ -84,6 +84,7 @@ def recovered(tmp_path, source, **options):
     return done, there
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("kind", [*DAMAGES, "length"])
 def test_damage_of_a_plain_bag_costs_the_messages_that_it_touches_and_is_counted(tmp_path, kind):
     source = recording(tmp_path / "whole.bag")
@@ -106,6 +107,7 @@ def test_damage_of_a_plain_bag_costs_the_messages_that_it_touches_and_is_counted
             assert done.scan.damages, (kind, begin)
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("compression", ["lz4", "bz2"])
 @pytest.mark.parametrize("kind", DAMAGES)
 def test_damage_of_a_compressed_bag_costs_the_chunks_that_it_touches_and_is_counted(tmp_path, compression, kind):
@@ -144,6 +146,7 @@ def test_without_the_index_of_the_bag_nothing_else_is_lost_and_no_number_is_made
         assert done.scan.lost in (None, len(messages) - len(there)), (kind, begin, done.scan.damages)
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 @pytest.mark.parametrize("kind", [*DAMAGES, "several"])
 def test_damage_as_large_as_a_chunk_of_an_open_bag_makes_no_number_up(tmp_path, compression, kind):
@@ -240,6 +243,7 @@ def readable(path):
         return None
 
 
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize("check_data", [True, False])
 def test_a_bit_of_the_index_is_good_to_all_or_to_nobody_and_what_is_recovered_can_be_used(tmp_path, check_data):
     source = bag(tmp_path / "whole.bag", rows("/a", 20), rows("/b", 10, 23), rows("/c", 6, 31), chunk_bytes=700)
@@ -455,6 +459,7 @@ def garbled(path, raw, field, place=0):
     flipped(path, raw, [each.end() for each in re.finditer(field, raw)][place], 7)
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "field", [b"message_definition=", b"message_", b"md5sum=", b"type=", b"callerid=", b"latching="]
 )

@@ -134,6 +134,7 @@ KINDS = {
 }
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_recording_of_a_stranger_gives_a_useful_timeline_without_an_edit(kind, tmp_path, capsys):
     write, lift_off_s, wanted = KINDS[kind]

@@ -74,6 +74,7 @@ def packings(tmp_path_factory):
     return {**files, "db3": next(files["ros2"].glob("*.db3"))}
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("name", ["ros2", "db3", "zstd", "lz4", "plain", "ros1"])
 def test_the_journal_is_that_of_the_bag_with_the_same_messages(packings, name):
     assert replayed(packings[name], FLIGHT_MAP).journal == replayed(packings["bag"], FLIGHT_MAP).journal
@@ -259,6 +260,7 @@ def contents(path):
 PACKINGS = {"zstd": {}, "lz4": {"compression": "lz4"}, "none": {"compression": "none"}, "no_chunks": {"chunks": False}}
 
 
+@pytest.mark.slow_rows(1)
 @pytest.mark.long
 @pytest.mark.parametrize("packing", PACKINGS)
 def test_an_mcap_file_that_was_cut_is_read_to_its_last_whole_message_and_that_is_said(tmp_path, packing, capsys):

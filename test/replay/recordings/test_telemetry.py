@@ -123,6 +123,7 @@ def test_a_lost_stream_of_set_points_is_px4_s_failsafe():
     ]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "name, shown",
     [
@@ -192,6 +193,7 @@ def test_a_log_that_is_cut_off_or_damaged_is_read_as_far_as_it_goes(tmp_path):
     assert cut.problem.endswith(" bytes between its records are none, what was there is missing")
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("more,bytes_lost", [(5, 5), (12, 12), (0, 0)])
 def test_what_is_lost_of_a_log_that_was_cut_within_a_record_is_said(tmp_path, capsys, more, bytes_lost):
     whole, path = recording("px4_normal_mission.tlog").read_bytes(), tmp_path / "cut.tlog"
@@ -239,6 +241,7 @@ def changes(log, name):
     return [one for one, before in zip(said, [None, *said]) if one != before]
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize("period_s", [1.0, 2.5, 5.0])
 def test_slow_telemetry_is_no_silence(tmp_path, period_s):
     """What is told counts until it is due again."""

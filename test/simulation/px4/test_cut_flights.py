@@ -22,6 +22,7 @@ def test_nothing_commands_against_a_landing_and_no_landing_is_late():
     assert sum(each.cuts for each in flown) > 6
 
 
+@pytest.mark.night
 def test_it_sees_a_node_that_goes_on_after_a_landing_was_commanded():
     flights = CutFlights(seed=2)
     wake = flights.planner.wake
@@ -35,6 +36,7 @@ def test_it_sees_a_node_that_goes_on_after_a_landing_was_commanded():
     assert any(problem.startswith("planner sends command") and problem.endswith("after LAND") for problem in said)
 
 
+@pytest.mark.night
 def test_it_sees_a_landing_that_leaves_late():
     flights, failed_ns = CutFlights(seed=2), []
     decide = flights._decide

@@ -36,6 +36,7 @@ def _by_name(rows):
     return table
 
 
+@pytest.mark.slow_rows
 def test_mode_armed_landed_and_items_change_in_the_same_order_at_about_the_same_time(both):
     name, recorded, simulated, late_s = both
     expected, got = _by_name(_story(recorded)), _by_name(_story(simulated))
@@ -59,6 +60,7 @@ def test_commands_are_acknowledged_as_in_the_recording(both):
     assert got == expected
 
 
+@pytest.mark.slow_rows
 def test_texts_are_those_of_the_recording(both):
     _, recorded, simulated, _ = both
 

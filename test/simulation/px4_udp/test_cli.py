@@ -32,6 +32,7 @@ def test_it_serves_until_it_is_told_to_end(number, autopilot):
         process.stdout.close()
 
 
+@pytest.mark.slow_rows
 @pytest.mark.parametrize(
     "arguments, words",
     [
