@@ -17,6 +17,8 @@ from proof_explorer import AND, Stats
 from proof_induction import Induction
 from proof_run import Proof
 
+from amaze_autonomy.engine.rules import LimitRow, Limits
+
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 ACCEPTED = HERE / "accepted.json"
@@ -37,6 +39,7 @@ class Figures:
         decided: world -> kind of command -> how many, and a digest of their contents.
         defects: words -> law, world, moves.
         induction: its steps, drawn states, states that were drawn and are not sound, laws that applied.
+        limits: those that ship, and what each may be: no world flies by them, since each has shorter ones of its own.
         reason: why they are right, once they are accepted.
     """
 
@@ -50,6 +53,7 @@ class Figures:
     reached: Dict[str, str] = field(default_factory=dict)
     decided: Dict[str, Dict[str, str]] = field(default_factory=dict)
     induction: Dict[str, int] = field(default_factory=dict)
+    limits: Dict[str, Dict[str, float]] = field(default_factory=dict)
     reason: str = ""
 
 
@@ -73,7 +77,18 @@ def figures_of(proof: Proof, caught: Mapping[str, Optional[Caught]], steps: Indu
             "unsound states": steps.rejected,
             "laws": len(steps.applied),
         },
+        limits=shipped_limits(),
     )
+
+
+def shipped_limits() -> Dict[str, Dict[str, float]]:
+    """Return of each limit its value where nobody says another one, and what it may be, times in seconds."""
+    found = {}
+    for each in fields(Limits):
+        row: LimitRow = each.metadata["row"]
+        scale = 1e9 if each.name.endswith("_ns") else 1.0
+        found[each.name] = {"value": each.default / scale, "least": row.least, "most": row.most}
+    return found
 
 
 def _counted(stats: Stats) -> Dict[str, int]:

@@ -201,4 +201,10 @@ care for a flying vehicle: each sentence is a story in virtual time, and live, w
 
 
 def _accepted(figures: Figures) -> str:
-    return f"## Why these figures\n\n{figures.reason}\n"
+    return f"## Why these figures\n\n{_NAMED}\n{figures.reason}\n"
+
+
+_NAMED = """\
+A person accepts them, with a reason, after what changed was named: each figure above, and each limit that ships, by its
+value and by what it may be (docs/configuration.md), since worlds have shorter ones of their own. The last reason:
+"""

@@ -11,7 +11,7 @@ import prove
 import pytest
 from mutation_results import Results
 from proof_explorer import Stats
-from proof_figures import Figures, differences, keep, kept, otherwise, read, write
+from proof_figures import Figures, differences, keep, kept, otherwise, read, shipped_limits, write
 from proof_pages import page
 from proof_stories import missing
 
@@ -26,6 +26,7 @@ FOUND = Figures(
     reached={"takeoff": "land; landed"},
     decided={"takeoff": {"Answer": "1 (0000000a)", "Notify": "7 (00c0ffee)"}},
     induction={"steps": 200, "laws": 7},
+    limits={"land_limit_ns": {"value": 60.0, "least": 0.0, "most": 600.0}},
 )
 
 
@@ -53,6 +54,7 @@ def test_every_change_is_one_line_that_names_it():
         reached={"takeoff": "landed; suspected", "lies": "landed"},
         decided={"takeoff": {"Notify": "7 (00c0ffff)"}},
         induction={"steps": 100, "laws": 7},
+        limits={"land_limit_ns": {"value": 61.0, "least": 0.0, "most": 600.0}},
     )
     assert differences(FOUND, now) == (
         "worlds: lies is new: states 1, transitions 2, lies 0, depth 3, handed over 0, cut off 0",
@@ -69,7 +71,14 @@ def test_every_change_is_one_line_that_names_it():
         "reached: takeoff: land is no longer reached, suspected is reached now",
         "decided: takeoff: Answer 1 (0000000a) -> None, Notify 7 (00c0ffee) -> 7 (00c0ffff)",
         "induction: steps: 200 -> 100",
+        "limits: land_limit_ns: value 60.0 -> 61.0",
     )
+
+
+def test_a_limit_that_ships_is_a_figure_by_its_value_and_by_what_it_may_be():
+    assert shipped_limits()["preflight_fix_limit_ns"] == {"value": 60.0, "least": 0.0, "most": 3600}
+    assert shipped_limits()["preflight_rounds_limit"]["value"] == 5
+    assert read().limits == shipped_limits()
 
 
 def test_a_world_differs_in_what_it_reaches_first_then_in_its_numbers_then_in_what_was_decided():

@@ -60,17 +60,21 @@ class TestMavrosPlanner(unittest.TestCase):
         self.assertTrue(answer.accepted, answer.message)
 
     def take_off(self, mission):
+        wait_for(lambda: self.statuses and not self.statuses[-1].message, "a vehicle that speaks")
+        self.accepted(lambda: self.load("s1", mission, 0, 0))
+        self.wait_phase(STATUS.LOADED)
+        self.accepted(lambda: self.order("s1", COMMAND.TAKEOFF))
+        self.wait_phase(STATUS.FLYING)
+
+    def accepted(self, ask):
+        """Ask again until it is: a position takes a moment, and on a busy computer the last one may be old."""
         said = []
 
-        def loaded():
-            said.append(self.load("s1", mission, 0, 0))
+        def asked():
+            said.append(ask())
             return said[-1].accepted
 
-        wait_for(lambda: self.statuses and not self.statuses[-1].message, "a vehicle that speaks")
-        wait_for(loaded, lambda: f"a loaded mission: {said[-1:]} {self.node.log}")  # its position takes a moment
-        self.wait_phase(STATUS.LOADED)
-        self.command(COMMAND.TAKEOFF)
-        self.wait_phase(STATUS.FLYING)
+        wait_for(asked, lambda: f"what is asked is accepted: {said[-1:]} {self.node.log}")
 
     def test_a_mission_is_sent_compared_flown_held_resumed_and_landed(self):
         self.vehicle.spoils = 1
