@@ -19,7 +19,7 @@ explored_once = pytest.mark.skipif(
     sys.version_info < (3, 9), reason="explored once, on the newer Python; test/engine runs on both"
 )
 explores = [explored_once, pytest.mark.xdist_group("proof")]
-breaks = [explored_once, pytest.mark.xdist_group("defects")]
+breaks = [explored_once, pytest.mark.xdist_group("defects"), pytest.mark.night]
 PAGE = Path(__file__).parents[2] / "docs" / "safety.md"
 
 

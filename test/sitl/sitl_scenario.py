@@ -10,6 +10,7 @@ when:                                     # what happens outside of the vehicle'
                                           # left out: before the launch
 faults: [...]                             # of the simulated sensors and nodes, as in config/faults
 requests: [...]                           # what the user asks, as in config/faults
+launch: {processes: forked}               # further arguments of the launch file
 expect:
   result: COMPLETE                        # or a list of those that are good
   states: [TAKEOFF, MISSION, DATA_CLEANUP, MISSION_ENDED]   # from the first takeoff on
@@ -56,7 +57,7 @@ SKIPPED = ("MISSION_INPUT", "PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSI
 _EXPECT = ("result", "states", "modes", "at_most", "at_least", "texts", "own_behaviour", "log_within_s")
 _KEYS = (
     *("description", "mission", "not_for", "overrides", "parameters", "when", "faults", "requests", "expect"),
-    *("unattended", "station", "signed", "limit_s", "engine", "flights"),
+    *("unattended", "station", "signed", "limit_s", "launch"),
 )
 
 
@@ -163,6 +164,7 @@ def _scenario(name: str, given: Mapping[str, Any]) -> Scenario:
         signed=bool(given.get("signed", False)),
         engine="apart" if kills else "launched",
         limit_s=float(given.get("limit_s", 150.0)),
+        launch={str(key): str(value) for key, value in given.get("launch", {}).items()},
     )
 
 
