@@ -21,7 +21,7 @@ from typing import Callable, Counter, Dict, Iterable, Iterator, List, NamedTuple
 from mutation_code import mutated, span
 from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT, Mutant
 from mutation_nets import FIRST_BOUNDS, IMPORTS, MOST_S, PATHS, START_S, TIMES, Look, Seen, look, observe, start
-from mutation_results import RESULTS, Results, read
+from mutation_results import RESULTS, Results, read, waivers
 
 COPIED = (
     "README.md",
@@ -129,12 +129,13 @@ class Campaign:
             out.write(json.dumps(one) + "\n")
 
     def run(self, mutants: Sequence[Mutant], nets: Sequence[str], tell: Tell) -> None:
-        """Show every mutant to every net that does not know it yet, first those that nobody has caught so far."""
+        """Show every mutant to every net that does not know it: first what nobody has caught, last what is waived."""
         tasks = [Task(mutant, net) for mutant in mutants for net in nets if (mutant.key, net) not in self.known]
         if not tasks:
             return
-        caught = {key for (key, _), by in self.known.items() if by}
-        tasks.sort(key=lambda task: task.mutant.key in caught)
+        caught, waived = {key for (key, _), by in self.known.items() if by}, waivers()
+        last = {one.key for one in mutants if (one.place.path, one.before, one.after) in waived}
+        tasks.sort(key=lambda task: 2 if task.mutant.key in last else task.mutant.key in caught)
         self._prepare({task.net for task in tasks})
         free = list(self.trees)
         running: Dict[int, Running] = {}

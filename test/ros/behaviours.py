@@ -31,17 +31,19 @@ from amaze_autonomy.ros.rospy_flaws import mend_rospy
 AT_ONCE = 6 * (os.cpu_count() or 1)
 AGAIN = "flown_again.log"  # in ROS_HOME; `./run test-ros` shows it
 BUSY_FRACTION = 0.2  # of the processors' time: where less than that is idle, processes wait for each other
+_QUICK = bool(os.environ.get("AMAZE_QUICK"))  # `./run test-ros quick`: without those for the night
 _starting = threading.Semaphore(2)
 
 
 @dataclass(frozen=True)
 class Behaviour:
-    """One behaviour: what runs, with which stack, and the rules that make it."""
+    """One behaviour: what runs, with which stack, the rules that make it; `night`: `test-ros quick` leaves it out."""
 
     run: Callable[[Stack], None]
     rules: Tuple[str, ...]
     options: Dict[str, Any]
     start: bool = True
+    night: bool = False
 
     @property
     def name(self) -> str:
@@ -56,13 +58,13 @@ class Behaviours:
         self._all: List[Behaviour] = []
 
     def add(
-        self, *rules: str, start: bool = True, **options: Any
+        self, *rules: str, start: bool = True, night: bool = False, **options: Any
     ) -> Callable[[Callable[[Stack], None]], Callable[[Stack], None]]:
         """Register a function; `rules` are taken out of the engine in the self-check."""
 
         def register(run: Callable[[Stack], None]) -> Callable[[Stack], None]:
             own = (*self._overrides, *options.pop("overrides", ()))
-            self._all.append(Behaviour(run, rules, {**options, "overrides": own}, start))
+            self._all.append(Behaviour(run, rules, {**options, "overrides": own}, start, night))
             return run
 
         return register
@@ -78,7 +80,8 @@ class Behaviours:
         at_start()
         only = [word.split("=", 1)[1] for word in sys.argv if word.startswith("--only=")]
         sys.argv = [word for word in sys.argv if not word.startswith("--only=")]
-        chosen = [each for each in self._all if (each.rules or not crippled) and (not only or each.name in only)]
+        today = [each for each in self._all if not (each.night and _QUICK)]
+        chosen = [each for each in today if (each.rules or not crippled) and (not only or each.name in only)]
         rostest.rosrun(package, name, _test_case(chosen, at_once, crippled=crippled), sys.argv)
 
 

@@ -81,12 +81,12 @@ def sigint_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
     whole_launch_lands(stack, signal.SIGINT)
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def sigterm_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
     whole_launch_lands(stack, signal.SIGTERM)
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def sighup_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
     whole_launch_lands(stack, signal.SIGHUP)
 
@@ -106,7 +106,7 @@ def terminal_that_is_closed_in_flight_lands(stack: Stack) -> None:
     assert stack.result()["exit_status"] == 8
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def terminal_whose_output_is_held_in_flight_holds_up_nothing_else(stack: Stack) -> None:
     """Ctrl-S, or a connection that hangs: every node that writes a line to it waits, until Ctrl-Q."""
     terminal = Terminal(stack)
@@ -135,7 +135,7 @@ def autopilot_and_planner_land_when_the_whole_launch_is_told_to_end_in_flight(st
     assert "autopilot: ended in flight" in stack.log()
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def launch_with_the_watchdog_of_cns_ends_by_itself_after_the_mission(stack: Stack) -> None:
     """That one is in a namespace of its own; all other nodes are ours, forked."""
     components = tuple(each.name for each in load_configuration(stack.config).components)
@@ -193,7 +193,7 @@ def node_group_that_is_killed_in_flight_costs_the_mission_not_the_landing(stack:
         assert (stack.result()["state"], stack.result()["in_flight"]) == ("MISSION_ENDED", False)
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def checks_that_are_killed_in_flight_come_back_alone_and_the_mission_goes_on(stack: Stack) -> None:
     with flown(stack, "mission:=long"):
         in_flight(stack)
@@ -206,7 +206,7 @@ def checks_that_are_killed_in_flight_come_back_alone_and_the_mission_goes_on(sta
         assert stack.state == "MISSION", [each.rule for each in stack.decisions()]
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def watchdog_that_is_killed_in_flight_ends_the_mission_with_a_landing(stack: Stack) -> None:
     landed_after_a_kill(stack, "watchdog")
 
@@ -246,7 +246,7 @@ def planner_and_autopilot_node_land_when_the_engine_is_killed_in_flight_and_the_
     assert "autopilot: ended in flight" in stack.log()
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def planner_that_the_master_ends_in_flight_lands_and_is_not_taken_for_a_pilot(stack: Stack) -> None:
     """As `rosnode kill`, or a node that takes its name."""
 
@@ -308,7 +308,7 @@ def permitted() -> str:
         probe.communicate(b"\n")
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def nodes_that_decide_take_the_precedence_that_is_permitted(stack: Stack) -> None:
     with flown(stack):
         stack.wait_state("MISSION_INPUT", limit_s=LIMIT_S)
@@ -333,7 +333,7 @@ AHEAD = "import time\nwall, wall_ns = time.time, time.time_ns\n"
 AHEAD += "time.time = lambda: wall() + 1.0\ntime.time_ns = lambda: wall_ns() + 1_000_000_000\n"
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def clock_of_another_computer_that_is_a_second_ahead_is_named_before_takeoff(stack: Stack) -> None:
     """The watchdog runs elsewhere: a process beside the launch, whose wall clock is moved as it starts."""
     (stack.folder / "sitecustomize.py").write_text(AHEAD)
