@@ -219,10 +219,9 @@ def _check_unused(path: Path) -> None:
         fcntl.fcntl(file, fcntl.F_SETSIG, signal.SIGURG)  # who is told of a writer that comes now must not die of it
         fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_RDLCK)
         fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_UNLCK)
-    except BlockingIOError as error:
-        raise BagError(str(path), "is still open for writing", "stop the recorder first") from error
-    except OSError:
-        pass  # of a file that is not ours, or on a network, it cannot be told
+    except OSError as error:  # of a file that is not ours, or on a network, it cannot be told
+        if isinstance(error, BlockingIOError):
+            raise BagError(str(path), "is still open for writing", "stop the recorder first") from error
     finally:
         os.close(file)
 

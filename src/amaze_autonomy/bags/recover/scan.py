@@ -12,6 +12,7 @@ read, and of a chunk whose index records are missing, or that first describes a 
 
 from __future__ import annotations
 
+import contextlib
 import os
 import struct
 from pathlib import Path
@@ -287,15 +288,13 @@ class _Scanner:
         if not self._first <= place <= self._size or self._reader.op(place) not in (CONNECTION, CHUNK_INFO):
             self._index_at = place if place == self._size and not self._chunk_count else 0
             return
-        try:
+        with contextlib.suppress(*_BROKEN):  # it is said when the walk comes there
             while place < self._size:
                 record = self._reader.record(place)
                 if record.op not in (CONNECTION, CHUNK_INFO) or record.end > self._size:
                     break
                 self._note(record)
                 place = record.end
-        except _BROKEN:
-            pass  # it is said when the walk comes there
 
     def _note(self, record: Record) -> None:
         """Take what a record of the index says."""
