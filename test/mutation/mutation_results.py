@@ -218,12 +218,12 @@ places first. {same} operators are left out: `is` for `==` and the like change n
 A mutant is shown to those worlds, tests and scenarios that run its statement. The explorer is `test/proof`: every world
 up to the bound of the proof, its laws, that time does not go round, that it reaches what it was accepted with (rows,
 places, failures and laws), and that its figures are those that were accepted: how many states and transitions there
-are, how many commands of each kind, and a digest of what stands in them. The table says what laws alone catch, and what
-is caught without the figures: they say that something is different, laws say what is wrong. It does not run the
-monitors, nor what writes journals and documents: its share in the files that it runs is the figure that says how good
-it is. Beside it stands that without the rows of limits: every world has limits of its own, and what they are shipped
-with, and may be, is for the unit tests. Those are `test/engine` and `test/monitoring`, scenarios
-are `test/scenarios`. A mutant that never ends is caught.
+are, how many commands of each kind, a digest of what stands in them, and the limits that ship. The table says what laws
+alone catch, and what is caught without the figures: they say that something is different, laws say what is wrong. It
+does not run the monitors, nor what writes journals and documents: its share in the files that it runs is the figure
+that says how good it is. Beside it stands that without the rows of limits: every world has limits of its own, so that
+those that ship, and what they may be, are caught as figures alone. Unit tests are `test/engine` and `test/monitoring`,
+scenarios are `test/scenarios`. A mutant that never ends is caught.
 """
 
 
