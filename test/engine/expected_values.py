@@ -116,7 +116,12 @@ VALUES: Dict[str, Tuple[str, ...]] = {
         "reason: 'realsense_camera at code 4'",
     ),
     "hold_again": ("failure: 'lrf'", "code: 8", "action: 'wait'", "waits at most: 5.0 s", "reason: 'lrf at code 8'"),
-    "hold_confirmed": ("planner phase: 'HOLDING'", "flight mode: 'AUTO.MISSION'", "speed over ground: 0.0 of 0.5 m/s"),
+    "hold_confirmed": (
+        "planner phase: 'HOLDING'",
+        "flight mode: 'AUTO.MISSION'",
+        "speed over ground: 0.0 of 0.5 m/s",
+        "vertical speed: 0.0 of 0.5 m/s",
+    ),
     "hold_not_kept": ("in flight: True", "planner phase: 'FLYING'"),
     "resume": (),
     "takeoff_resumed": ("planner phase: 'TAKING_OFF'",),

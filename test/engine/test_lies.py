@@ -512,6 +512,33 @@ def test_a_vehicle_that_flies_on_while_it_should_hold_is_told_again_and_landed()
     story.after(3.2).expect("LAND")
 
 
+@pytest.mark.parametrize("climb_m_s", [2.0, 0.6, -0.6])
+@pytest.mark.parametrize("mode", ["AUTO.MISSION", "AUTO.TAKEOFF", "OFFBOARD"])
+def test_what_climbs_or_sinks_does_not_hold(mode, climb_m_s):
+    story = at("MISSION flying")
+    story.say(mode=mode, horizontal_speed_m_s=0.0, vertical_speed_m_s=climb_m_s, height_m=9.0)
+    story.user("hold")
+    story.after(1.6)
+    assert story.motions == ["HOLD", "HOLD"], "asked again, once"
+    story.after(1.5).expect("LAND")
+
+
+@pytest.mark.parametrize("speeds", [{"vertical_speed_m_s": None}, {"horizontal_speed_m_s": None}])
+def test_one_speed_alone_shows_no_standing_still(speeds):
+    story = at("MISSION flying")
+    story.say(mode="OFFBOARD", **{"horizontal_speed_m_s": 0.0, "vertical_speed_m_s": 0.0, **speeds})
+    story.user("hold")
+    story.after(3.2).expect("LAND")
+
+
+def test_a_vehicle_that_climbs_away_while_it_should_hold_is_told_again_and_landed():
+    story = at("HOLD holding")
+    story.vehicle.says.update(mode="OFFBOARD", vertical_speed_m_s=1.5)
+    story.after(1.3).expect("HOLD", "confirming")
+    assert story.motions == ["HOLD"]
+    story.after(3.2).expect("LAND")
+
+
 def test_a_gust_does_not_end_a_hold():
     story = at("HOLD holding")
     story.vehicle.says.update(mode="OFFBOARD", horizontal_speed_m_s=0.9)

@@ -466,3 +466,25 @@ def test_one_status_in_the_air_is_no_takeoff_where_nothing_says_so_again():
     story.say(landed=ev.VehicleLanded.IN_AIR).expect("TAKEOFF", "climbing")
     story.say(landed=ev.VehicleLanded.UNKNOWN).after(5.0).expect("TAKEOFF", "climbing")
     story.until("LAND", limit_s=60.0)
+
+
+def _lands_by_planner(**says: object) -> Story:
+    """Return a story whose planner says that it lands, for two seconds so far."""
+    story = at("MISSION flying")
+    story.rules = replace(story.rules, limits=replace(story.rules.limits, landing_stall_limit_ns=3 * S))
+    story.planner.says["phase"] = ev.MissionPhase.LANDING
+    story.say(**says).after(2.9).expect("MISSION")
+    return story
+
+
+@pytest.mark.parametrize("mode", ["AUTO.MISSION", "AUTO.LAND"])
+@pytest.mark.parametrize("climb_m_s", [0.0, 3.0])
+def test_a_landing_of_the_planners_that_stands_or_climbs_is_landed_for(mode, climb_m_s):
+    story = _lands_by_planner(mode=mode, vertical_speed_m_s=climb_m_s)
+    story.after(0.5).expect("LAND")
+    assert story.motions[:2] == ["LAND", "AutopilotLand"]
+
+
+@pytest.mark.parametrize("speeds", [{"horizontal_speed_m_s": 2.0}, {"vertical_speed_m_s": -0.4}])
+def test_a_landing_of_the_planners_that_moves_on_or_sinks_is_left_to_it(speeds):
+    _lands_by_planner(mode="AUTO.MISSION", **speeds).after(2.0).expect("MISSION")

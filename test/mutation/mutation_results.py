@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import yaml
-from mutation_mutant import EXPLORER, NETS, SAME_BY_NATURE, UNIT, Mutant, Place
+from mutation_mutant import EXPLORER, MUTATED, NETS, SAME_BY_NATURE, UNIT, Mutant, Place
 
 HERE = Path(__file__).parent
 RESULTS, WAIVERS = HERE / "results.json", HERE / "waivers.yaml"
@@ -188,7 +188,9 @@ def section(told: Results) -> str:
     waived = [one for one in told.verdicts if one.waived]
     parts = [
         f"{HEAD}\n",
-        _WORDS.format(count=len(told.verdicts), places=told.places, seed=told.seed, same=len(SAME_BY_NATURE)),
+        _WORDS.format(
+            count=len(told.verdicts), places=told.places, seed=told.seed, same=len(SAME_BY_NATURE), where=_where()
+        ),
         _table(("Net", "Of the mutants", "Caught"), figures(told)),
         f"Survivors, caught by no net: {len(told.survivors)}.\n",
     ]
@@ -203,9 +205,11 @@ def section(told: Results) -> str:
 _COLUMNS = ("Where", "Line", "Mutated", "Why it changes nothing")
 _WORDS = """\
 The defects that the proof proves itself with were picked by those who wrote it: that all of them are caught says
-little. So nobody picks here: cosmic-ray changes one place of `engine/` or `monitoring/`, a comparison, a number, a
-condition, an operator, a decorator, a loop, an `except`. Of {places} such changes {count} are drawn by the seed {seed},
-places first. {same} operators are left out: `is` for `==` and the like change nothing where values are enumerations.
+little. Of 40 that others wrote, when all 87 of its own were caught, the explorer caught 13, of those 35 that unit
+tests could see these caught 25, of 12 that scenarios could see 5. So nobody picks here: cosmic-ray changes one place
+of {where}, a comparison, a number, a condition, an operator, a decorator, a loop, an `except`. Of {places} such
+changes {count} are drawn by the seed {seed}, places first. {same} operators are left out: `is` for `==` and the like
+change nothing where values are enumerations.
 
 <!-- not run: hours -->
 
@@ -225,6 +229,11 @@ that says how good it is. Beside it stands that without the rows of limits: ever
 those that ship, and what they may be, are caught as figures alone. Unit tests are `test/engine` and `test/monitoring`,
 scenarios are `test/scenarios`. A mutant that never ends is caught.
 """
+
+
+def _where() -> str:
+    folders = [f"`{Path(folder).name}/`" for folder in MUTATED]
+    return f"{', '.join(folders[:-1])} or {folders[-1]}"
 
 
 def _row(one: Verdict) -> Tuple[str, str, str]:

@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import random
+import subprocess
+import sys
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from proof_defects import Caught
 from proof_explorer import AND, Stats
@@ -23,7 +27,11 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 ACCEPTED = HERE / "accepted.json"
 KEPT = ROOT / "build" / "proof.json"
-_SOURCES = ("src/amaze_autonomy/engine", "src/amaze_autonomy/laws", "test/proof", "test/engine")
+OF_NO_RUN = ("reason", "sources")
+_LOADED = """
+import sys, proof_figures
+print(*(module.__file__ for module in [*sys.modules.values()] if getattr(module, "__file__", None)), sep="\\n")
+"""
 
 
 @dataclass(frozen=True)
@@ -41,6 +49,7 @@ class Figures:
         induction: its steps, drawn states, states that were drawn and are not sound, laws that applied.
         limits: those that ship, and what each may be: no world flies by them, since each has shorter ones of its own.
         reason: why they are right, once they are accepted.
+        sources: a digest of all that the run depended on (`fingerprint`).
     """
 
     worlds: Dict[str, Dict[str, int]]
@@ -55,6 +64,7 @@ class Figures:
     induction: Dict[str, int] = field(default_factory=dict)
     limits: Dict[str, Dict[str, float]] = field(default_factory=dict)
     reason: str = ""
+    sources: str = ""
 
 
 def figures_of(proof: Proof, caught: Mapping[str, Optional[Caught]], steps: Induction) -> Figures:
@@ -108,7 +118,7 @@ def differences(accepted: Optional[Figures], found: Figures, *parts: str) -> Tup
         return ("nothing was accepted before",)
     lines: List[str] = []
     for each in fields(Figures):
-        if each.name != "reason" and (not parts or each.name in parts):
+        if each.name not in OF_NO_RUN and (not parts or each.name in parts):
             lines += _different(each.name, getattr(accepted, each.name), getattr(found, each.name))
     return tuple(lines)
 
@@ -174,18 +184,51 @@ def write(figures: Figures, reason: str, path: Path = ACCEPTED) -> Figures:
 
 def keep(figures: Figures) -> None:
     """Keep the figures of this run, so that they can be accepted without another one."""
-    write(figures, _fingerprint(), KEPT)
+    write(figures, figures.reason, KEPT)
 
 
 def kept() -> Optional[Figures]:
     """Return the figures of the last run, if nothing that they depend on has changed since."""
     last = read(KEPT)
-    return last if last is not None and last.reason == _fingerprint() else None
+    return last if last is not None and last.sources == fingerprint() else None
 
 
-def _fingerprint() -> str:
-    digest = hashlib.sha256()
-    for folder in _SOURCES:
-        for path in sorted((ROOT / folder).glob("*.py")):
-            digest.update(path.name.encode() + path.read_bytes())
+def fingerprint() -> str:
+    """Return a digest of every file of this repository that the proof imports, and of the version of Python.
+
+    The proof reads nothing else, no clock and no chance: of the same sources it has the same figures.
+    """
+    found = subprocess.run(
+        [sys.executable, "-c", _LOADED],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        check=True,
+        timeout=60,
+        text=True,
+    )
+    names = {Path(line).resolve() for line in found.stdout.splitlines()}
+    ours = sorted(
+        path.relative_to(ROOT) for path in names if any(ROOT / each in path.parents for each in ("src", "test"))
+    )
+    digest = hashlib.sha256(sys.version.split()[0].rpartition(".")[0].encode())
+    for path in ours:
+        digest.update(str(path).encode() + (ROOT / path).read_bytes())
     return digest.hexdigest()
+
+
+def by_day(worlds: Sequence[str], accepted: Optional[Figures], count: int) -> Tuple[str, ...]:
+    """Return the worlds that a commit explores anew: all, or so many where the figures are those of these very sources.
+
+    Which ones is drawn by the commit.
+    """
+    if accepted is None or accepted.sources != fingerprint():
+        return tuple(worlds)
+    commit = subprocess.run(
+        ["git", "rev-parse", "HEAD"],
+        cwd=str(ROOT),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        check=False,  # in an archive without its history
+        timeout=60,
+    )
+    return tuple(random.Random(commit.stdout or accepted.sources).sample(list(worlds), count))

@@ -121,6 +121,7 @@ SCENES: Dict[str, Dict[str, Any]] = {
         "horizontal_speed_m_s": 3.0,
     },
     "held": {"armed": True, "landed": _L.IN_AIR, "mode": "OFFBOARD", "height_m": 2.0},
+    "rising": {"armed": True, "landed": _L.IN_AIR, "mode": "OFFBOARD", "height_m": 2.0, "vertical_speed_m_s": 3.0},
     "landing": {
         "armed": True,
         "landed": _L.LANDING,

@@ -412,10 +412,9 @@ def _(s: EngineState) -> bool:
 def _(s: EngineState) -> bool:
     status = s.peers.autopilot
     sinks = status is not None and status.vertical_speed_m_s is not None and status.vertical_speed_m_s < 0
-    moves = status is not None and status.horizontal_speed_m_s is not None and status.mode != "AUTO.LOITER"
-    return (s.vehicle.descending_ns is None or sinks) and (
-        s.vehicle.moving_ns is None or (moves and status.horizontal_speed_m_s > 0)
-    )
+    moves = status is not None and status.mode != "AUTO.LOITER"
+    moves = moves and bool(status.horizontal_speed_m_s or status.vertical_speed_m_s)
+    return (s.vehicle.descending_ns is None or sinks) and (s.vehicle.moving_ns is None or moves)
 
 
 @_is("The planner is idle, and the vehicle unknown, only as their last statuses say.")

@@ -184,7 +184,7 @@ STORIES: Sequence[Told] = (
             "nodes/test_engine_thread.py::test_a_stop_between_reading_and_tick_makes_no_tick_of_what_had_come_meanwhile",
         ),
         (
-            "ros/stalls.py::engine_that_is_stopped_for_less_than_a_limit_flies_on",
+            "ros/stalls.py::engine_that_is_stopped_for_longer_than_the_limit_of_a_heartbeat_flies_on",
             f"{_LIVE}code_16_while_the_engine_is_stopped_lands_when_it_goes_on",
         ),
     ),
@@ -366,9 +366,9 @@ STORIES: Sequence[Told] = (
         ("battery_low_ignored", "battery_critical"),
     ),
     Told(
-        "A takeover is known within a fifth of a second, and no landing takes the vehicle back.",
+        "Over MAVLink a takeover is known within a fifth of a second, and no landing takes the vehicle back.",
         (f"{_AGES}a_takeover_on_px4_is_known_within_a_fifth_of_a_second_whenever_it_comes",),
-        ("ros/autopilot.py::test_a_pilot_is_seen_within_a_second_and_not_fought",),
+        ("ros/autopilot.py::test_a_pilot_is_seen_at_once_where_heartbeats_are_lost_and_is_not_fought",),
         ("takeover_then_code_16",),
     ),
     Told(

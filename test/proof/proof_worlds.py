@@ -536,12 +536,13 @@ _ALL: Tuple[World, ...] = (
     World(
         name="set-points",
         words="a takeoff by set-points, then a mission of the autopilot or one of set-points; either is somebody "
-        "else's in a flight the other way; it is held and goes on",
+        "else's in a flight the other way; it is held, or climbs away, and goes on",
         seeds=(SEEDS["climbing"], script(_CLIMBING.replace("select:one", "select:points"))),
         scenes={
             "lifting": ("guided", "flying"),
-            "guided": ("held", "flying", "loitering"),
-            "held": ("guided", "flying", "loitering"),
+            "guided": ("held", "rising", "flying", "loitering"),
+            "held": ("guided", "rising", "flying", "loitering"),
+            "rising": ("guided", "held"),
             "flying": ("guided", "loitering"),
             "loitering": ("guided", "flying"),
         },

@@ -13,6 +13,7 @@ import argparse
 import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import List, Optional
 
@@ -21,7 +22,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "engine"), str(HERE.parent / "mutat
 
 from proof_defects import Caught  # noqa: E402
 from proof_explorer import Broken, Stats  # noqa: E402
-from proof_figures import Figures, differences, figures_of, keep, kept, read  # noqa: E402
+from proof_figures import Figures, differences, figures_of, fingerprint, keep, kept, read  # noqa: E402
 from proof_figures import write as write_figures  # noqa: E402
 from proof_induction import Induction, inductions, told  # noqa: E402
 from proof_journal import write  # noqa: E402
@@ -67,6 +68,7 @@ def _head() -> None:
 
 def _prove(jobs: int) -> Optional[Figures]:
     """Return the figures of the bounded proof and its self-test; None: something is broken, missed or not reached."""
+    sources = fingerprint()  # before: a file may be changed meanwhile
     _head()
     proof = prove(BOUND, _tell, jobs)
     status = _conclude(proof)
@@ -75,7 +77,7 @@ def _prove(jobs: int) -> Optional[Figures]:
     steps = _induct(STEPS, SEED, jobs)
     if status or steps.broken or None in caught.values():
         return None
-    figures = figures_of(proof, caught, steps)
+    figures = replace(figures_of(proof, caught, steps), sources=sources)
     keep(figures)
     return figures
 
@@ -110,6 +112,7 @@ def _compare(figures: Figures) -> int:
     accepted = read()
     changed = differences(accepted, figures)
     if accepted is not None and not changed:
+        write_figures(replace(accepted, sources=figures.sources), accepted.reason)
         PAGE.write_text(page(accepted), encoding="utf-8")
         print("\nthe figures are those that were accepted")
         return 0

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import mutation_results
 import proof_figures
@@ -11,10 +14,11 @@ import prove
 import pytest
 from mutation_results import Results
 from proof_explorer import Stats
-from proof_figures import Figures, differences, keep, kept, otherwise, read, shipped_limits, write
+from proof_figures import Figures, by_day, differences, keep, kept, otherwise, read, shipped_limits, write
 from proof_pages import page
 from proof_stories import missing
 
+ROOT = Path(__file__).parents[2]
 FOUND = Figures(
     worlds={"takeoff": {"states": 10, "transitions": 30, "lies": 5, "depth": 3, "handed over": 1, "cut off": 2}},
     laws={"land_is_sticky": 7, "alarm_in_time": 3},
@@ -108,10 +112,38 @@ def test_figures_are_written_with_their_reason_and_read_again(tmp_path):
 
 def test_the_last_run_is_kept_until_a_source_changes(monkeypatch):
     assert kept() is None
-    keep(FOUND)
+    keep(replace(FOUND, sources=proof_figures.fingerprint()))
     assert differences(kept(), FOUND) == ()
-    monkeypatch.setattr(proof_figures, "_fingerprint", lambda: "other sources")
+    monkeypatch.setattr(proof_figures, "fingerprint", lambda: "other sources")
     assert kept() is None
+
+
+def test_every_source_of_the_proof_is_in_its_fingerprint_and_nothing_else(monkeypatch, tmp_path):
+    shutil.copytree(
+        str(ROOT / "src"), str(tmp_path / "src"), ignore=shutil.ignore_patterns("__pycache__", "*.egg-info")
+    )
+    for name in ("proof", "engine", "mutation"):
+        shutil.copytree(str(ROOT / "test" / name), str(tmp_path / "test" / name))
+    monkeypatch.setattr(proof_figures, "ROOT", tmp_path)
+    folders = [str(tmp_path / name) for name in ("test/proof", "test/engine", "test/mutation", "src")]
+    monkeypatch.setattr(sys, "path", [*folders, *sys.path])
+    prints = {proof_figures.fingerprint()}
+    changed = ("engine/decide.py", "engine/rules.py", "laws/ground.py", "../../test/proof/proof_worlds.py")
+    for count, name in enumerate((*changed, "../../test/engine/expected_decisions.py"), start=2):
+        with (tmp_path / "src" / "amaze_autonomy" / name).open("a") as source:
+            source.write("# another line\n")
+        prints.add(proof_figures.fingerprint())
+        assert len(prints) == count, name
+    (tmp_path / "src" / "amaze_autonomy" / "bags" / "cli.py").write_text("")
+    assert proof_figures.fingerprint() in prints
+
+
+def test_a_commit_explores_all_worlds_again_unless_the_figures_are_of_its_sources():
+    worlds = [f"world {number}" for number in range(30)]
+    assert by_day(worlds, None, 5) == by_day(worlds, FOUND, 5) == tuple(worlds)
+    drawn = by_day(worlds, replace(FOUND, sources=proof_figures.fingerprint()), 5)
+    assert len({*drawn}) == 5
+    assert {*drawn} < {*worlds}
 
 
 @pytest.mark.parametrize("reason", [(), ("--reason", "ok")])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, FrozenSet, List, Mapping, Optional, Tuple
 
-from .commands import MESSAGES, Command, MissionAction, Notify, Request
+from .commands import MESSAGES, Command, MissionAction, Notify, Request, Value, Values
 from .events import (
     AutopilotStatus,
     Event,
@@ -87,6 +87,14 @@ _OWN: Mapping[str, Tuple[Modes, Modes]] = {
 def says_nothing(status: AutopilotStatus) -> bool:
     """Return True when a status does not say whether the vehicle is armed, or whether it is on the ground."""
     return status.armed is None or status.landed is VehicleLanded.UNKNOWN
+
+
+def fast(status: AutopilotStatus, limit_m_s: float) -> Values:
+    """Return the speeds above a limit, over ground and up or down; an unknown one is not."""
+    speeds = (("speed over ground", status.horizontal_speed_m_s), ("vertical speed", status.vertical_speed_m_s))
+    return tuple(
+        Value(name, speed, limit_m_s, "m/s") for name, speed in speeds if speed is not None and abs(speed) > limit_m_s
+    )
 
 
 def is_further(mode: str, flown: str) -> bool:
@@ -304,13 +312,14 @@ class Context:
     def holds(self) -> bool:
         """Return True when flight mode or standing still shows a hold: the planner's word alone does not.
 
-        A mode lasts until it is changed; that it stood still says nothing any more when it was told a while ago.
+        A mode lasts until it is changed; that it stood still says nothing any more when it was told a while ago. What
+        climbs or sinks does not stand still, nor does what does not say both speeds.
         """
         status, heard_ns = self.vehicle(), self.state.peers.autopilot_ns
         if status is None or heard_ns is None:
             return False
-        speed = status.horizontal_speed_m_s
-        stands = speed is not None and speed <= self.limits.hold_speed_m_s
+        told = None not in (status.horizontal_speed_m_s, status.vertical_speed_m_s)
+        stands = told and not fast(status, self.limits.hold_speed_m_s)
         return status.mode in HOLDING_MODES or (stands and self.now - heard_ns <= self.limits.hold_speed_age_limit_ns)
 
     def last_heard_down(self) -> bool:

@@ -6,7 +6,7 @@ from typing import Optional
 
 from . import failsafe
 from .commands import Seen, Value, because
-from .context import FLYING_MODES, LANDING_MODES, Context, says_nothing
+from .context import FLYING_MODES, HOLDING_MODES, LANDING_MODES, Context, fast, says_nothing
 from .events import MissionPhase, Outcome, VehicleLanded
 from .failsafe import FAILSAFE_CONDITIONS
 from .guards import Guard, holds_if
@@ -135,17 +135,20 @@ def lands(context: Context) -> Optional[Seen]:
 def hold_shown(context: Context) -> Optional[Seen]:
     """Flight mode or standing still shows that it holds."""
     status = context.vehicle()
-    mode, speed = (status.mode, status.horizontal_speed_m_s) if status is not None else ("", None)
-    shown = (Value("flight mode", mode), Value("speed over ground", speed, context.limits.hold_speed_m_s, "m/s"))
-    return holds_if(context.holds(), *shown)
+    mode, across, climb = ("", None, None)
+    if status is not None:
+        mode, across, climb = status.mode, status.horizontal_speed_m_s, status.vertical_speed_m_s
+    limit = context.limits.hold_speed_m_s
+    shown = (Value("flight mode", mode), Value("speed over ground", across, limit, "m/s"))
+    still = () if mode in HOLDING_MODES else (Value("vertical speed", climb, limit, "m/s"),)
+    return holds_if(context.holds(), *shown, *still)
 
 
 def moves_on(context: Context) -> Optional[Seen]:
     """It has flown on for longer than a gust lasts, in a mode that does not hold."""
     status = context.vehicle()
     on = status is not None and passed("moving", context.state, context.rules, context.now)
-    speed = status.horizontal_speed_m_s if status is not None else None
-    return holds_if(on, Value("speed over ground", speed, context.limits.hold_speed_m_s, "m/s"))
+    return holds_if(on, *(() if status is None else fast(status, context.limits.hold_speed_m_s)))
 
 
 def hold_not_repeated(context: Context) -> Optional[Seen]:

@@ -15,6 +15,7 @@ from .context import (
     MISSION_MODE,
     SET_POINT_MODE,
     Context,
+    fast,
     is_further,
     ours,
     says_nothing,
@@ -377,7 +378,9 @@ def _stands_still(context: Context) -> bool:
     lands = status.mode in LANDING_MODES
     if not lands and None in (status.vertical_speed_m_s, status.horizontal_speed_m_s):
         return False
-    since = (vehicle.descending_ns, None if lands else vehicle.moving_ns)
+    across = status.horizontal_speed_m_s or 0.0  # what climbs in its landing comes no further, either
+    moves = not lands and across > context.limits.hold_speed_m_s
+    since = (vehicle.descending_ns, vehicle.moving_ns if moves else None)
     return all(each is None or context.now - each < context.limits.descent_time_ns for each in since)
 
 
@@ -407,9 +410,8 @@ def _control(context: Context, event: AutopilotStatus, *, again: bool = False) -
 
 
 def _moves(context: Context, event: AutopilotStatus) -> bool:
-    """Return True when neither the flight mode nor the speed over ground shows a hold; unknown speed shows nothing."""
-    speed = event.horizontal_speed_m_s
-    return event.mode not in HOLDING_MODES and speed is not None and speed > context.limits.hold_speed_m_s
+    """Return True when the flight mode shows no hold, and a speed that it moves; an unknown speed shows nothing."""
+    return event.mode not in HOLDING_MODES and bool(fast(event, context.limits.hold_speed_m_s))
 
 
 def _command_shown(context: Context, event: AutopilotStatus) -> None:

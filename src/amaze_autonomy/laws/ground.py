@@ -338,10 +338,9 @@ def holding_is_what_the_planner_shows(m: Moment) -> Verdict:
     else:
         return None
     status, limits = m.saw.fresh(m.rules.limits), m.rules.limits
-    speed = status.horizontal_speed_m_s if status is not None else None
-    still = status is not None and (
-        status.mode == "AUTO.LOITER" or (speed is not None and speed <= limits.hold_speed_m_s)
-    )
+    across, climb = (None, None) if status is None else (status.horizontal_speed_m_s, status.vertical_speed_m_s)
+    stands = across is not None and climb is not None and max(across, climb, -climb) <= limits.hold_speed_m_s
+    still = status is not None and (status.mode == "AUTO.LOITER" or stands)
     if m.after.step is Step.HOLDING and not still:
         return "the vehicle shows no hold"
     phase = m.saw.planner.phase.name if m.saw.planner is not None else "nothing"
