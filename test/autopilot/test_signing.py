@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+
 import pytest
 from autopilot_tools import beat
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -101,3 +103,9 @@ def test_what_is_no_key_is_refused(tmp_path, content, mode, words):
 def test_a_key_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(KeyFileError, match="No such file"):
         read_key(tmp_path / "none")
+
+
+def test_a_key_that_is_a_fifo_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(str(tmp_path / "key"), 0o600)
+    with pytest.raises(KeyFileError, match="is no file; must be a file with the key"):
+        read_key(tmp_path / "key")

@@ -178,6 +178,13 @@ def test_texts_of_peers_are_cut_in_statuses_lists_and_parts():
     assert len(encode_event(found)) < 3 * MOST_TEXT
 
 
+def test_the_name_of_a_peer_s_node_is_cut_as_its_texts_are():
+    status = next(each for each in STATUSES if each.topic == "watchdog/action")
+    message = status.write(status.event(t_ns=T, sequence=1, **OWN["watchdog/action"]), classes)
+    assert status.read(message, T, 0, "/" + "x" * 5_000_000).publisher == text("/" + "x" * 5_000_000)
+    assert status.read(message, T, 0, "/a/watchdog").publisher == "/a/watchdog"
+
+
 # --- long lists -------------------------------------------------------------------------------------------------------
 
 

@@ -1,6 +1,7 @@
 """The command line of rsync, which never sees a shell, and what its output says."""
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -15,6 +16,7 @@ pytestmark = pytest.mark.live
 
 NAMES, TARGET = Path("/here/.wanted"), Path("/here")
 PART = "s1_m/second"
+DOCS = Path(__file__).parents[2] / "docs"
 S = 1_000_000_000
 
 
@@ -45,6 +47,31 @@ def test_a_key_file_never_breaks_out_of_its_word(tmp_path, name):
     )
     given = told.read_text().split("\0")
     assert given[given.index("-i") + 1 :][:2] == [f"/k/{name}", "second"]
+
+
+def test_the_forced_command_of_the_documentation_lets_it_fetch_and_nobody_write_or_run_anything(tmp_path):
+    if shutil.which("rsync") is None:
+        pytest.skip("NOT TESTED: there is no rsync")
+    (forced,) = re.findall(r'restrict,command="([^"]+)"', (DOCS / "security.md").read_text(encoding="utf-8"))
+    there, here, ssh = tmp_path / "the disk" / PART, tmp_path / "here" / PART, tmp_path / "bin" / "ssh"
+    for folder in (there, here, ssh.parent):
+        folder.mkdir(parents=True)
+    (there / "a-01.bag").write_bytes(b"a bag")
+    (tmp_path / "names").write_text("a-01.bag\n")
+    ssh.write_text(f"#!/bin/sh\nexec {forced}\n")  # as sshd does, whatever was asked for
+    ssh.chmod(0o755)
+    environment = {"PATH": f"{ssh.parent}:{os.environ['PATH']}"}
+    fetch = transfer_command(Transfer("rsync", "second"), str(there), here, tmp_path / "names")
+    subprocess.run(fetch, env=environment, check=True, timeout=60)
+    assert (here / "a-01.bag").read_bytes() == b"a bag"
+    push = ["rsync", "--protect-args", str(here / "a-01.bag"), f"second:{there}/b-01.bag"]
+    other = ["ssh", "second", "touch", str(there / "b-01.bag")]
+    for command in (push, other):
+        asked = subprocess.run(
+            command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, check=False, timeout=60
+        )
+        assert asked.returncode != 0
+    assert [path.name for path in there.iterdir()] == ["a-01.bag"]
 
 
 @pytest.mark.usefixtures("umask_of_nodes")

@@ -46,7 +46,7 @@ def lands_when_told_to_end(stack: Stack, number: int) -> None:
     assert [event.signal for event in stack.events(Shutdown)] == [name]
 
 
-@ends.add("shutdown_in_flight", mission="long")
+@ends.add("shutdown_in_flight", mission="long", night=True)
 def sigint_in_flight_lands_by_both_routes(stack: Stack) -> None:
     lands_when_told_to_end(stack, signal.SIGINT)
 
@@ -83,6 +83,7 @@ def signal_while_recording_stops_the_recording(stack: Stack) -> None:
 @ends.add(
     faults="description: tilted\nfaults:\n  - {fault: tilted, tilt_deg: 25}\n",
     parameters={"exit_when_ended": True, "unattended": True},
+    night=True,
 )
 def nobody_there_to_answer_ends_at_outreach(stack: Stack) -> None:
     assert stack.wait_end() == 5
@@ -95,6 +96,7 @@ def nobody_there_to_answer_ends_at_outreach(stack: Stack) -> None:
     "    land_after_s: 1.0\n",
     mission="long",
     parameters={"exit_when_ended": True, "unattended": True},
+    night=True,
 )
 def nobody_there_to_acknowledge_a_pilots_landing_ends_all_the_same(stack: Stack) -> None:
     assert stack.wait_end() == 4
@@ -211,7 +213,9 @@ def lands_and_goes_on(stack: Stack, limit_s: float) -> None:
     assert stack.wait_end(10.0) == 3
 
 
-@ends.add(mission="long", crippled=("--thread-ends-at=FOLDER/end",), overrides=("autonomy.require_go=true",))
+@ends.add(
+    mission="long", crippled=("--thread-ends-at=FOLDER/end",), overrides=("autonomy.require_go=true",), night=True
+)
 def engine_whose_thread_ends_on_the_ground_goes_on_as_another_where_it_was(stack: Stack) -> None:
     stack.wait_state("READY")
     session = stack.states[-1].session_id
@@ -274,7 +278,7 @@ def node_that_is_killed_by_name_in_flight_lands(stack: Stack) -> None:
     assert read((stack.output / "journal.jsonl").read_text()).truncated is False
 
 
-@ends.add(mission="hop", parameters={"exit_when_ended": True})
+@ends.add(mission="hop", parameters={"exit_when_ended": True}, night=True)
 def second_run_in_a_folder_keeps_the_first(stack: Stack) -> None:
     stack.wait_end()
     first = (stack.output / "journal.jsonl").read_text()

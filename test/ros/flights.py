@@ -73,7 +73,7 @@ def nominal_mission(stack: Stack) -> None:
     assert len({each.session for each in stack.received() if each.session}) == 1
 
 
-@flights.add("next_takeoff", mission="two")
+@flights.add("next_takeoff", mission="two", night=True)
 def repetitions_touch_down_and_take_off_again(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "mission_planner/load", "TAKEOFF", "data_recorder/stop"]
@@ -88,7 +88,7 @@ def highest_failure_lands_at_once(stack: Stack) -> None:
     assert stack.states[-1].result == "LANDED_EARLY"
 
 
-@flights.add("land", faults=fault("component: imu", "unhealthy"))
+@flights.add("land", faults=fault("component: imu", "unhealthy"), night=True)
 def failure_of_the_autopilots_imu_lands_at_once(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"]
@@ -112,7 +112,7 @@ def high_failure_that_comes_back_goes_on(stack: Stack) -> None:
     assert stack.states[-1].result == "COMPLETE"
 
 
-@flights.add("hold", faults=fault("component: realsense_camera", "killed", more="    restart: fails\n"))
+@flights.add("hold", faults=fault("component: realsense_camera", "killed", more="    restart: fails\n"), night=True)
 def moderate_failure_holds_then_continues(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "HOLD", "RESUME", "data_recorder/stop"]
@@ -122,7 +122,7 @@ def moderate_failure_holds_then_continues(stack: Stack) -> None:
     assert stack.states[-1].result == "COMPLETE"
 
 
-@flights.add(faults=fault("component: gps", "unhealthy"))
+@flights.add(faults=fault("component: gps", "unhealthy"), night=True)
 def low_failure_only_warns(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "data_recorder/stop"]
@@ -134,6 +134,7 @@ def low_failure_only_warns(stack: Stack) -> None:
     "hold",
     faults=fault("component: realsense_camera", "flapping", more="    off_s: 1.6\n    on_s: 2.0\n    restart: fails\n"),
     mission="long",
+    night=True,
 )
 def flapping_component_spends_its_budget(stack: Stack) -> None:
     stack.wait(lambda: len(stack.decisions("hold")) >= 2, "the second hold", 30.0)
@@ -193,7 +194,7 @@ def silent_planner_lands_by_both_routes(stack: Stack) -> None:
     )
 
 
-@flights.add("land", faults=fault("", "battery_drops", more="    to_fraction: 0.1\n"), mission="long")
+@flights.add("land", faults=fault("", "battery_drops", more="    to_fraction: 0.1\n"), mission="long", night=True)
 def critical_battery_lands(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"]
@@ -201,7 +202,7 @@ def critical_battery_lands(stack: Stack) -> None:
     assert_within(stack, "LAND", low.t_ns, 0.0, SOON_S)
 
 
-@flights.add("land", overrides=("missions.missions.hop.limits.max_flight_time_s=11.0",))
+@flights.add("land", overrides=("missions.missions.hop.limits.max_flight_time_s=11.0",), night=True)
 def longest_flight_time_lands(stack: Stack) -> None:
     stack.wait_state("MISSION")
     stack.ask("hold")

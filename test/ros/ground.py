@@ -94,22 +94,22 @@ def failed_watchdog_check(stack: Stack) -> None:
     outreach_then_fly(stack, "watchdog")
 
 
-@ground.add("checks_failed", faults=scenario("fault: battery_unknown, for_s: 24"))
+@ground.add("checks_failed", faults=scenario("fault: battery_unknown, for_s: 24"), night=True)
 def failed_battery_check(stack: Stack) -> None:
     outreach_then_fly(stack, "battery")
 
 
-@ground.add("checks_failed", faults=scenario("fault: not_ready, what: rc, for_s: 12"))
+@ground.add("checks_failed", faults=scenario("fault: not_ready, what: rc, for_s: 12"), night=True)
 def failed_autopilot_check(stack: Stack) -> None:
     outreach_then_fly(stack, "autopilot")
 
 
-@ground.add("checks_failed", faults=scenario("fault: raised, height_m: 0.5, for_s: 12"))
+@ground.add("checks_failed", faults=scenario("fault: raised, height_m: 0.5, for_s: 12"), night=True)
 def failed_ground_check(stack: Stack) -> None:
     outreach_then_fly(stack, "on ground")
 
 
-@ground.add("checks_failed", faults=scenario("fault: tilted, tilt_deg: 25, for_s: 12"))
+@ground.add("checks_failed", faults=scenario("fault: tilted, tilt_deg: 25, for_s: 12"), night=True)
 def failed_state_estimation_check(stack: Stack) -> None:
     outreach_then_fly(stack, "state estimation")
 
@@ -192,7 +192,7 @@ def incomplete_data_is_collected_at_the_second_try(stack: Stack) -> None:
     assert stack.states[-1].result == "COMPLETE"
 
 
-@ground.add("data_incomplete", faults=scenario("fault: data_incomplete"))
+@ground.add("data_incomplete", faults=scenario("fault: data_incomplete"), night=True)
 def incomplete_data_is_given_up(stack: Stack) -> None:
     stack.wait_state("OUTREACH")
     assert stack.ask("go")[0] == REFUSED
@@ -209,12 +209,13 @@ LIMIT = "sensors.initialisation.limit_s=3.0"
     "checks_failed",
     faults=scenario("fault: not_initialised, for_s: 12"),
     overrides=(INITIALISED.format("simulated_estimator_is_initialised_on_a_retry"), LIMIT),
+    night=True,
 )
 def simulated_estimator_is_initialised_on_a_retry(stack: Stack) -> None:
     outreach_then_fly(stack, "estimator initialisation")
 
 
-@ground.add("give_up_unrecorded", faults=scenario("fault: tilted, tilt_deg: 25"))
+@ground.add("give_up_unrecorded", faults=scenario("fault: tilted, tilt_deg: 25"), night=True)
 def user_gives_up_before_anything_was_recorded(stack: Stack) -> None:
     stack.wait_state("OUTREACH")
     assert stack.ask("give_up")[0] == DONE

@@ -47,6 +47,7 @@ from amaze_autonomy.engine.rules import Code
 DONE, REFUSED = 1, 2
 NS = 1_000_000_000
 MISSION, LAND = "AUTO.MISSION", "AUTO.LAND"
+ARM = (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
 lies = Behaviours()
 
 
@@ -129,6 +130,24 @@ def one_forged_status_in_flight_ends_no_supervision(stack: Stack) -> None:
         told_ns = time.monotonic_ns()
         stack.wait(lambda: statuses_since(stack, told_ns + 2 * NS), "two seconds of the flight")
         assert all(message.in_flight for message in stack.states[seen:])
+        assert (stack.state, decisions_since(stack, began_ns)) == ("MISSION", [])
+        code_16_of_imu_lands(stack, vehicle)
+
+
+@lies.add(processes=(), start=False)
+def one_forged_mode_in_flight_gives_nobody_control(stack: Stack) -> None:
+    """A heartbeat from our vehicle's own address says that its pilot flies; the next one denies it."""
+    with flown(stack, "mission:=long") as vehicle:
+        in_flight(stack)
+        began_ns = time.monotonic_ns()
+
+        def wrong() -> bool:  # a starved node reads the truth behind it before it tells: said again then
+            vehicle.say(*forged("POSCTL", armed=True))
+            return any(each.mode == "POSCTL" for each in statuses_since(stack, began_ns))
+
+        wait_for(wrong, "the forged mode at the engine", 20.0, period_s=1.0)
+        told_ns = time.monotonic_ns()
+        stack.wait(lambda: statuses_since(stack, told_ns + 2 * NS), "two seconds of the flight")
         assert (stack.state, decisions_since(stack, began_ns)) == ("MISSION", [])
         code_16_of_imu_lands(stack, vehicle)
 
@@ -364,7 +383,7 @@ def link_that_is_cut_at_the_arming_is_landed_for_and_nothing_goes_on_afterwards(
         vehicle.cut = True
         decided(stack, "land_by_both_routes", limit_s=LIMIT_S)
         assert vehicle.craft.armed
-        vehicle.cut = False
+        before, vehicle.cut = len(vehicle.commands), False
         wait_for(lambda: not vehicle.craft.armed, "the disarming")  # by itself: 10 s after its arming
         stack.wait_over()
         assert stack.states[-1].result in (
@@ -373,6 +392,7 @@ def link_that_is_cut_at_the_arming_is_landed_for_and_nothing_goes_on_afterwards(
         )  # as it was heard armed before it disarmed, or not
         assert vehicle.craft.height_m == 0.0
         assert MISSION not in vehicle.modes, f"the takeoff went on: {vehicle.modes}"
+        assert ARM not in vehicle.commands[before:], "it was armed once more"
 
 
 @lies.add(processes=(), start=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from random import Random
-from typing import Any, Callable, Dict, List, Optional, Tuple, Type
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple, Type
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -47,14 +47,15 @@ missions:
 """
 
 
-def forged(mode: str = "AUTO.MISSION") -> List[Any]:
-    """What a vehicle on the ground says, which is disarmed."""
-    system, on_ground = mavlink.MAV_STATE_STANDBY, mavlink.MAV_LANDED_STATE_ON_GROUND
-    flags = base_mode(mode, armed=False)
+def forged(mode: str = "AUTO.MISSION", *, armed: bool = False) -> List[Any]:
+    """What a vehicle on the ground says, which is disarmed; or one in the air, in somebody's hands by its mode."""
+    system = mavlink.MAV_STATE_ACTIVE if armed else mavlink.MAV_STATE_STANDBY
+    place = mavlink.MAV_LANDED_STATE_IN_AIR if armed else mavlink.MAV_LANDED_STATE_ON_GROUND
+    flags = base_mode(mode, armed=armed)
     beat = mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, flags, custom_mode(mode), system, 3
     )
-    return [beat, mavlink.MAVLink_extended_sys_state_message(0, on_ground)]
+    return [beat, mavlink.MAVLink_extended_sys_state_message(0, place)]
 
 
 class Px4Vehicle:
@@ -70,7 +71,9 @@ class Px4Vehicle:
         sensors: what the autopilot says of each: healthy.
         cut: nothing goes through its links, either way, to whoever has spoken.
         lost_fraction: of all messages on its links, either way, to whoever has spoken; drawn by a seed.
+        unsaid: kinds of messages that do not come through, as by chance on a bad link.
         modes: that it was in while it was armed, in order.
+        commands: that came to it, each with its first parameter, in order.
         addresses: host and port of each endpoint.
     """
 
@@ -84,6 +87,8 @@ class Px4Vehicle:
         self.lock = threading.Lock()
         self.sensors: Dict[str, Optional[bool]] = dict.fromkeys(("gps", "imu", "magnetometer", "barometer"), True)
         self.cut, self.lost_fraction, self.modes = False, 0.0, [""]
+        self.unsaid: Set[str] = set()
+        self.commands: List[Tuple[int, float]] = []
         draw = Random(1)
         self._ends = [address.partition(":")[2] for address in addresses]
         self.addresses = [(host, int(port)) for host, _, port in (end.partition(":") for end in self._ends)]
@@ -98,6 +103,14 @@ class Px4Vehicle:
             sensors=lambda: self.sensors,
             unix_ns=time.time_ns(),
         )
+        receive = px4.receive
+
+        def heard(t_ns: int, name: str, message: Any) -> None:
+            if message.get_type() in ("COMMAND_LONG", "COMMAND_INT"):
+                self.commands.append((message.command, message.param1))
+            receive(t_ns, name, message)
+
+        vars(px4)["receive"] = heard
         lost = lambda _: self.cut or draw.random() < self.lost_fraction  # noqa: E731
         self._server = VehicleServer(px4, addresses, self, mute=lost)
         if on:
@@ -127,7 +140,7 @@ class Px4Vehicle:
             if self.craft.armed and self.craft.mode != self.modes[-1]:
                 self.modes.append(self.craft.mode)
             said, self._said = self._said, []
-            return out + said
+            return [(end, message) for end, message in out if message.get_type() not in self.unsaid] + said
 
     def stop(self) -> None:
         """End it."""

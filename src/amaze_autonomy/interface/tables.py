@@ -88,7 +88,7 @@ class Status:
         Raises:
             InvalidMessageError, InvalidEventError: A field holds what cannot be.
         """
-        more = {"publisher": publisher} if self._has_publisher else {}
+        more = {"publisher": text(publisher)} if self._has_publisher else {}
         return made(self.event, t_ns=t_ns, age_ns=age_ns, **self.shape.read(message, t_ns - age_ns), **more)
 
     def left_out(self, message: Any) -> Dict[str, int]:

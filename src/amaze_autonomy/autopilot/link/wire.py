@@ -40,7 +40,10 @@ def read_key(path: Path) -> SigningKey:
         KeyFileError: It cannot be read, is no key, or others may read it.
     """
     try:
-        mode, content = path.stat().st_mode, path.read_bytes()
+        mode = path.stat().st_mode
+        if not stat.S_ISREG(mode):  # whoever opens a FIFO waits for ever, and a device never ends
+            raise KeyFileError(str(path), "is no file", "must be a file with the key")
+        content = path.read_bytes()
     except OSError as error:
         raise KeyFileError(str(path), error.strerror or "cannot be read", "must be a file with the key") from None
     if stat.S_IMODE(mode) & 0o077:
