@@ -77,6 +77,7 @@ def failsafe(mode, *, pilot=False):
     ],
     ids=["px4 returns", "px4 returns a little later", "px4 pilot", "px4 pilot later", "copter pilot", "copter returns"],
 )
+@pytest.mark.slow_rows
 def test_a_landing_that_stands_is_not_sent_over_what_the_autopilot_began_while_the_link_was_cut(make, happens, mode):
     bench = make()
     bench.far.craft.command_mode("AUTO.MISSION" if mode != "ALTCTL" else "OFFBOARD")
@@ -265,6 +266,7 @@ TAKES = {
 @EACH
 @BOTH
 @pytest.mark.parametrize("who", TAKES)
+@pytest.mark.slow_rows
 def test_told_to_end_the_planner_does_not_land_over_who_has_control(mission, kind, who):
     found = flying(mission, kind)
     TAKES[who](found.craft)
@@ -328,6 +330,7 @@ def test_a_landing_in_a_mode_of_the_sticks_ends_when_a_transmitter_is_heard_agai
 @BOTH
 @pytest.mark.parametrize("heard", [True, False], ids=["heard", "not heard"])
 @pytest.mark.parametrize("told_to_end", [True, False])
+@pytest.mark.slow_rows
 def test_in_a_mode_of_the_sticks_that_a_failsafe_chose_it_lands_where_no_transmitter_is_heard(
     mission, kind, heard, told_to_end
 ):
@@ -1010,6 +1013,7 @@ def test_moved_while_a_resume_waits_for_its_reading_it_does_not_go_on_from_the_n
 
 @pytest.mark.parametrize("beat_ms", [0, 400, 700])
 @pytest.mark.parametrize("wait_ms", [100, 1500, 1800])
+@pytest.mark.slow_rows
 def test_a_hold_soon_after_a_resume_is_another_hold_where_heartbeats_alone_tell_the_mode(wait_ms, beat_ms):
     """A PX4 beats once a second: one heartbeat, or none, has told that it flew on."""
     far = Trajectory("far.csv", (Waypoint(0.0, 0.0, 2.0, 0.0, 0.5), Waypoint(200.0, 0.0, 2.0, 0.0, 0.5)))
@@ -1150,6 +1154,7 @@ def test_behind_mavros_home_that_is_told_in_two_ways_has_not_moved_from_one_to_t
 @EACH
 @pytest.mark.parametrize("climb_m_s", [0.3, 0.6, 0.95])
 @pytest.mark.parametrize("place_s", [0.2, 1.0, 2.0])
+@pytest.mark.slow_rows
 def test_behind_mavros_a_height_that_is_of_the_place_before_is_no_home_that_was_set_anew(
     kind, climb_m_s, place_s, monkeypatch
 ):
@@ -1234,6 +1239,7 @@ def test_later_no_px4_corrects_the_height_of_its_home():
 @EACH
 @pytest.mark.parametrize("late_ms", [50, 600])
 @pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.slow_rows
 def test_lost_and_late_messages_are_no_home_that_was_set_anew(kind, late_ms, seed):
     found, chance = Recorded(plans=HILLS, kind=kind), Random(seed)
     found.take_off("hill")
@@ -1421,6 +1427,7 @@ def test_an_item_that_somebody_chooses_just_before_a_resume_is_not_flown_to(kind
 @EACH
 @pytest.mark.parametrize("late_ms", [50, 600])
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow_rows
 def test_a_waypoint_that_is_passed_as_it_is_held_is_nobody_s_choice(kind, late_ms, seed):
     """What it says may be lost or late, and each hold begins at another place of the way."""
     close = tuple(Waypoint(1.5 * number, 0.0, 2.0, 0.0, 0.0) for number in range(1, 20))

@@ -186,6 +186,7 @@ def test_a_vehicle_that_falls_over_is_known_to_within_half_a_second_and_one_wron
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.slow_rows(1)
 def test_a_fifth_of_all_packets_lost_for_two_minutes_makes_nothing_unknown(seed):
     bench = ClientBench(lost=0.2).fly()
     bench._noise.seed(seed)

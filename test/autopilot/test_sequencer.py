@@ -396,6 +396,7 @@ EACH = pytest.mark.parametrize("kind", [PX4, ARDUPILOT], ids=["px4", "ardupilot"
 @EACH
 @pytest.mark.parametrize("mode", ["POSCTL", "AUTO.LOITER", "AUTO.RTL", "AUTO.LAND"])
 @pytest.mark.parametrize("action", [None, A.HOLD, A.LAND])
+@pytest.mark.slow_rows
 def test_once_taken_over_nothing_is_flown_by_set_points_until_it_is_asked_for(kind, mode, action):
     """An ArduCopter's pilot who picks GUIDED flies by whatever set-points there are: there are none of ours."""
     flying = Flying(kind=kind)
@@ -696,6 +697,7 @@ def slowed(flying, real_time_factor):
 
 
 @pytest.mark.parametrize("real_time_factor", [0.5, 0.95, 1.5])
+@pytest.mark.slow_rows(1)
 def test_by_set_points_a_simulator_that_does_not_run_in_real_time_was_not_started_again(real_time_factor):
     flying = Flying()
     slowed(flying, real_time_factor)

@@ -178,6 +178,7 @@ def test_an_autopilot_that_starts_again_in_flight_is_heard_before_the_link_count
 @pytest.mark.parametrize("gap_s", [12.0, 30.0, 60.0, 600.0])
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("beats_alone_s, lost", [(0.0, 0.0), (4.0, 0.0), (0.0, 0.2), (4.0, 0.2)])
+@pytest.mark.slow_rows
 def test_a_vehicle_that_lost_its_power_while_armed_is_no_stranger_behind_its_own_address(
     gap_s, seed, beats_alone_s, lost
 ):
@@ -275,6 +276,7 @@ def test_a_second_vehicle_behind_one_router_stays_told_while_it_speaks(offset, l
 @pytest.mark.parametrize("rate", [20, 50, 120, 290, 600])
 @pytest.mark.parametrize("beats_hz", [1, 2])
 @pytest.mark.parametrize("lost", [0.0, 0.05])
+@pytest.mark.slow_rows
 def test_one_that_says_heartbeats_alone_is_told_by_its_numbers_between_ours(rate, beats_hz, lost):
     """It never makes a run: ours passes over its numbers again and again."""
     chance, sources = random.Random(rate), Sources()
@@ -391,6 +393,7 @@ def test_who_was_stopped_in_flight_for_seconds_knows_its_vehicle_again(seed):
 
 @pytest.mark.parametrize("seed", range(30))
 @pytest.mark.parametrize("stream", [True, False])
+@pytest.mark.slow_rows
 def test_a_starved_reader_hears_one_vehicle_however_late(seed, stream):
     """It stands for seconds and reads a few: of a stream late, but all; of datagrams what the socket had room for."""
     chance, sources = random.Random(seed), Sources()
@@ -448,6 +451,7 @@ def heard_of_two(seed, cut_s, cut_at_s=20.0, ours_ends_s=40.0):
 
 @pytest.mark.parametrize("cut_s", [0.3, 0.6, 0.8])
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.slow_rows
 def test_a_loss_that_ends_the_runs_of_both_in_flight_does_not_make_the_stranger_ours(seed, cut_s):
     ours, strangers = heard_of_two(seed, cut_s)
     assert strangers == 0

@@ -55,6 +55,7 @@ def flying(mission, kind=PX4) -> Lied:
 @EACH
 @BOTH
 @pytest.mark.parametrize("datagrams", [1, 2, 4])
+@pytest.mark.slow_rows
 def test_datagrams_that_say_down_end_no_flight_however_many_any_time_apart(mission, kind, datagrams):
     lied = flying(mission, kind)
     for _ in range(datagrams):
@@ -171,6 +172,7 @@ def test_nothing_is_loaded_into_a_flying_vehicle_that_is_said_to_be_down(kind):
     [DOWN, DOWN[:1], DOWN[1:], [("mode", "POSCTL")], [("mode", "AUTO.RTL")], [("mode", "AUTO.LAND")]],
     ids=["down", "disarmed", "on ground", "pilot", "return", "lands"],
 )
+@pytest.mark.slow_rows
 def test_a_landing_that_was_commanded_stands_whatever_one_message_says(mission, kind, lies):
     lied = flying(mission, kind)
     lied.craft.flags.ignores = ("AUTO.LAND",)
@@ -381,6 +383,7 @@ ANY_ONE = pytest.mark.parametrize(
 
 
 @ANY_ONE
+@pytest.mark.slow_rows
 def test_a_landing_of_the_autopilot_node_stands_whatever_one_message_says(lies):
     lied = LiedClient(20.0).advance(1.0)
     lied.far.craft.flags.ignores = ("AUTO.LAND",)
@@ -518,6 +521,7 @@ def test_one_on_ground_in_the_air_moves_the_place_of_the_takeoff_nowhere():
 @pytest.mark.parametrize(
     "lie", [("mode", "POSCTL"), ("mode", "AUTO.RTL"), ("status", CRITICAL)], ids=["pilot", "return", "failsafe"]
 )
+@pytest.mark.slow_rows
 def test_a_takeover_that_one_heartbeat_says_is_over_before_the_engine_believes_it(lie, after_ms):
     """Half a second of statuses can come of one heartbeat of a PX4, which beats at 1 Hz: another one is asked for."""
     lied = LiedClient().advance(1.0 + after_ms / 1000)

@@ -52,6 +52,7 @@ def test_recordings_become_one_that_everybody_reads(tmp_path, compression):
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.slow_rows
 def test_a_recording_merged_with_itself_without_duplicates_is_itself(tmp_path, name):
     source = real(name)
     merged = merge([source, source], tmp_path / "merged.bag", MergeOptions(duplicates="drop"))
@@ -61,6 +62,7 @@ def test_a_recording_merged_with_itself_without_duplicates_is_itself(tmp_path, n
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.slow_rows
 def test_a_recording_is_good_and_its_first_two_thirds_are_recovered(tmp_path, name):
     found = scan(real(name), check_data=True)
     assert (found.damages, found.closed) == ([], True)

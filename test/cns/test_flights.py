@@ -60,6 +60,7 @@ def test_a_mission_is_flown_to_its_end_with_all_five(make):
 
 
 @pytest.mark.parametrize("touchdown, flights", [("true", 4), ("false", 2)])
+@pytest.mark.slow_rows(1)
 def test_several_files_and_repetitions_count_from_their_own_takeoffs(configuration, touchdown, flights):
     apart = load_configuration(configuration.folder, [f"missions.missions.2.touchdown_between_files={touchdown}"])
     flight = Flight(apart, "2", watchdog={"entities": ENTITIES})
@@ -120,6 +121,7 @@ ORDERS = pytest.mark.parametrize(
 
 @ORDERS
 @pytest.mark.parametrize("rate_hz", [0.5, 2.0])
+@pytest.mark.slow_rows
 def test_a_component_that_is_flown_on_without_neither_holds_nor_lands_when_it_fails_and_comes_back(
     make, first, latency_ns, rate_hz
 ):
@@ -145,6 +147,7 @@ def test_nor_does_it_cancel_the_takeoff(make, first, latency_ns):
 
 
 @ORDERS
+@pytest.mark.slow_rows
 def test_an_error_of_which_the_log_was_missed_counts_from_the_second_heartbeat_that_says_it(make, first, latency_ns):
     flight = make(first=first, latency_ns=latency_ns)
     flying(flight)

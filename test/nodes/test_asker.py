@@ -249,6 +249,7 @@ def test_what_the_console_shows_as_not_answered_does_not_arrive_when_the_network
 
 
 @pytest.mark.parametrize("role", ["console", "proxy"])
+@pytest.mark.slow_rows(1)
 def test_a_takeoff_whose_user_has_gone_while_the_network_was_away_is_not_decided_about(far, role):
     """What rospy has sent comes all the same, and behind it that its user has gone."""
     user, other = far.user(role), far.user("proxy")

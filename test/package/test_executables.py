@@ -85,6 +85,7 @@ sys.meta_path.insert(0, Slow)
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+@pytest.mark.slow_rows
 def test_ctrl_c_while_an_executable_is_still_loaded_ends_it_without_a_traceback(tmp_path, script):
     (tmp_path / "sitecustomize.py").write_text(LOADS_FOR_LONG)
     paths = os.pathsep.join([str(tmp_path), str(ROOT / "src"), os.environ.get("PYTHONPATH", "")])

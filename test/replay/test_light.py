@@ -47,7 +47,7 @@ def test_a_flight_is_decided_without_decoding_a_message(tmp_path, monkeypatch, c
     assert [each.after for each in outcome.decisions][-1] == "MISSION_ENDED"
 
 
-@pytest.mark.slow_rows
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize("name", REAL)
 def test_real_recordings_are_decided_alike(monkeypatch, name):
     _, (light, whole) = both(monkeypatch, recording(f"{name}.bag"))

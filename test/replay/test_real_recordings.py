@@ -167,7 +167,7 @@ def test_a_recording_without_messages_is_one_clear_error(capsys):
     assert capsys.readouterr().err == "amaze-replay: no_messages.bag: there is no message in it\n"
 
 
-@pytest.mark.slow_rows
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_the_journal_of_every_recording_is_decided_again_without_difference(tmp_path, name):
     assert main(["run", str(recording(f"{name}.bag")), "--out", str(tmp_path)]) == 0
@@ -183,7 +183,7 @@ def test_the_compression_of_a_real_recording_does_not_matter(tmp_path, name):
         assert replay(rewrite(source, tmp_path / f"{compression}.bag", compression), name)[0].journal == whole
 
 
-@pytest.mark.slow_rows
+@pytest.mark.slow_rows(1)
 @pytest.mark.long
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_muting_any_required_topic_of_a_real_recording_changes_the_journal(name):

@@ -138,6 +138,7 @@ def test_ours_says_what_is_true(name):
 
 
 @pytest.mark.parametrize("name", FULL)
+@pytest.mark.slow_rows
 def test_every_message_is_counted(name):
     true, ours = TRUTH[name]["counts"], our_reading.counts(replayed(name))
     named = {word: ours.pop(ID_NAMES.get(word, word)) for word in true if ID_NAMES.get(word, word) in ours}

@@ -76,7 +76,7 @@ def whole_launch_lands(stack: Stack, number: int) -> None:
     assert "LAND was sent" in stack.log()
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def sigint_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
     whole_launch_lands(stack, signal.SIGINT)
 
@@ -157,7 +157,7 @@ def launch_with_the_watchdog_of_cns_ends_by_itself_after_the_mission(stack: Stac
         assert f"autonomy: {name}" in stack.log()
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def sighup_to_the_engine_in_flight_lands(stack: Stack) -> None:
     with flown(stack, "mission:=long") as vehicle:
         in_flight(stack)
@@ -257,7 +257,7 @@ def planner_that_the_master_ends_in_flight_lands_and_is_not_taken_for_a_pilot(st
     lands_by_itself(stack, "mission_planner", end)
 
 
-@launches.add(processes=(), start=False)
+@launches.add(processes=(), start=False, night=True)
 def autopilot_node_that_is_told_to_end_in_flight_lands_and_is_not_taken_for_a_pilot(stack: Stack) -> None:
     lands_by_itself(stack, "autopilot", lambda _: os.kill(pid_of(stack, "autopilot"), signal.SIGTERM))
 

@@ -259,6 +259,7 @@ def places_in_chunk(path, number):
 
 
 @pytest.mark.parametrize("damage", range(24))
+@pytest.mark.slow_rows
 def test_damage_is_never_hidden(tmp_path, two, damage):
     """It is refused, or copied with a checksum that is still wrong."""
     begin, end = places_in_chunk(two[0], 3)

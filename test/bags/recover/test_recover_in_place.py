@@ -114,6 +114,7 @@ def test_a_good_bag_with_the_name_of_an_open_one_gets_its_own(tmp_path, whole):
     assert digest(final) == digest(whole)
 
 
+@pytest.mark.slow_rows(1)
 def test_killed_at_any_moment_the_original_can_be_made_again(tmp_path, killed):
     before, final = digest(killed), tmp_path / "flight.bag"
     for call in every_kill(lambda: recover_in_place(killed)):
@@ -123,6 +124,7 @@ def test_killed_at_any_moment_the_original_can_be_made_again(tmp_path, killed):
         assert not final.exists()
 
 
+@pytest.mark.slow_rows(1)
 def test_killed_at_any_moment_the_next_try_finishes(tmp_path, killed):
     copied = digest(recover(killed, tmp_path / "copied.bag").path)
     original, final = killed.read_bytes(), tmp_path / "flight.bag"

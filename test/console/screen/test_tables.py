@@ -43,6 +43,7 @@ def some_checks(random_):
 
 
 @pytest.mark.parametrize("seed", range(60))
+@pytest.mark.slow_rows
 def test_what_has_not_passed_is_always_shown_and_the_rest_fits(seed):
     random_ = random.Random(seed)
     checks = some_checks(random_)

@@ -554,7 +554,7 @@ REAL = {
 }
 
 
-@pytest.mark.slow_rows
+@pytest.mark.slow_rows(1)
 @pytest.mark.parametrize("name", REAL)
 def test_a_real_recording_comes_to_its_states_by_the_proposed_map(tmp_path, name):
     path = recording(name)

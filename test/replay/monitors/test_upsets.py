@@ -117,6 +117,7 @@ def test_ranges_at_their_own_limit_are_said_to_be_that_and_the_map_s_limit_wins(
         ("handheld_roll_pitch_yaw.bag", []),
     ],
 )
+@pytest.mark.slow_rows(1)
 def test_real_recordings(name, expected):
     path = recording(name)
     outcome, _ = replay(path)
