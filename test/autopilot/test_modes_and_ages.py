@@ -84,6 +84,19 @@ def test_the_system_status_is_asked_for_when_the_mode_has_changed():
     assert (bench.vehicle.status(bench.t_ns).mode, control(bench.vehicle, bench.t_ns)) == ("AUTO.RTL", "failsafe")
 
 
+def test_what_lay_in_the_socket_while_the_process_stood_still_is_as_old_as_it_is():
+    """A heartbeat of before the landing, read after it, said that it was armed, just now."""
+    bench = ClientBench().fly().advance(2.0)
+    flies = next(message for _, _, message in reversed(bench.far.heard) if message.get_type() == "HEARTBEAT")
+    now_ns = bench.t_ns + 10 * S
+    bench.client.receive(now_ns, flies, waited_ns=9 * S)
+    assert bench.vehicle.link_age_ns(now_ns) == 9 * S
+    assert (bench.vehicle.armed(now_ns), bench.vehicle.mode(now_ns)) == (None, "")
+    bench.client.receive(now_ns, flies)
+    assert bench.vehicle.link_age_ns(now_ns) == 0
+    assert bench.vehicle.armed(now_ns) is True
+
+
 def test_link_age_is_the_age_of_anything_and_armed_has_one_of_its_own():
     bench = ClientBench().fly().advance(2.0)
     bench.deaf = ("HEARTBEAT",)

@@ -148,7 +148,9 @@ def one_forged_mode_in_flight_gives_nobody_control(stack: Stack) -> None:
         wait_for(wrong, "the forged mode at the engine", 20.0, period_s=1.0)
         told_ns = time.monotonic_ns()
         stack.wait(lambda: statuses_since(stack, told_ns + 2 * NS), "two seconds of the flight")
-        assert (stack.state, decisions_since(stack, began_ns)) == ("MISSION", [])
+        decided_since = [each.rule for each in decisions_since(stack, began_ns)]
+        assert {*decided_since} <= {"takeover_suspected", "takeover_denied"}, decided_since
+        assert stack.state == "MISSION"
         code_16_of_imu_lands(stack, vehicle)
 
 

@@ -138,13 +138,13 @@ class AutopilotClient:
 
     # --- the link's thread ----------------------------------------------------------------------------------------
 
-    def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> List[Message]:
-        """Take a message of the vehicle; not heard: another one's answer in its place."""
+    def receive(self, t_ns: int, message: Message, *, heard: bool = True, waited_ns: int = 0) -> List[Message]:
+        """Take a message of the vehicle, so old as it lay in the socket; not heard: another one answered for it."""
         age_ns = self.vehicle.link_age_ns(t_ns)
         self._look(t_ns)
         name = message.get_type()
         self._rates.heard(t_ns, name)
-        self.vehicle.receive(t_ns, message, heard=heard)
+        self.vehicle.receive(t_ns - waited_ns, message, heard=heard)
         if name == "HEARTBEAT":
             settings = self.settings
             self._parameters.expect(settings.parameters if self._is_px4() else settings.ardupilot_parameters)
@@ -161,7 +161,7 @@ class AutopilotClient:
         elif name == "RC_CHANNELS":
             self._add_channels(t_ns, message)
         elif name == "SYSTEM_TIME":
-            self.vehicle.offset.add_system_time(t_ns + self._wall(), message)
+            self.vehicle.offset.add_system_time(t_ns - waited_ns + self._wall(), message)
         return []
 
     def _add_channels(self, t_ns: int, message: Message) -> None:
