@@ -485,7 +485,14 @@ def test_the_planners_word_alone_shows_no_hold():
     assert story.motions[:3] == ["HOLD", "HOLD", "LAND"]
 
 
-@pytest.mark.parametrize("claims", [{"mode": "AUTO.LOITER"}, {"mode": "OFFBOARD", "horizontal_speed_m_s": 0.2}])
+@pytest.mark.parametrize(
+    "claims",
+    [
+        {"mode": "AUTO.LOITER"},
+        {"mode": "OFFBOARD", "horizontal_speed_m_s": 0.2},
+        {"mode": "OFFBOARD", "horizontal_speed_m_s": 0.5, "vertical_speed_m_s": -0.5},
+    ],
+)
 def test_flight_mode_or_standing_still_shows_it(claims):
     story = at("MISSION flying")
     story.user("hold")
@@ -494,14 +501,15 @@ def test_flight_mode_or_standing_still_shows_it(claims):
     assert story.motions == ["HOLD"]
 
 
-@pytest.mark.parametrize("told_before_s, where", [(0.3, "holding"), (0.6, "confirming")])
-def test_that_it_stood_still_a_while_ago_shows_no_hold(told_before_s, where):
+@pytest.mark.parametrize("told_before_s, later_s, where", [(0.3, 0.1, "holding"), (0.6, 0.3, "confirming")])
+def test_that_it_stood_still_a_while_ago_shows_no_hold(told_before_s, later_s, where):
     story = at("MISSION flying")
     story.say(mode="OFFBOARD", horizontal_speed_m_s=0.1)
     story.silent.append("autopilot")
     story.after(told_before_s)
     story.user("hold")
-    story.after(0.1).expect("HOLD", where)
+    story.after(later_s).expect("HOLD", where)
+    assert story.state.peers.planner.phase is ev.MissionPhase.HOLDING, "it was heard that it holds"
 
 
 def test_a_vehicle_that_flies_on_while_it_should_hold_is_told_again_and_landed():
