@@ -280,8 +280,8 @@ STORIES: Sequence[Told] = (
         (f"{_LIVE}second_vehicle_with_our_id_forbids_takeoff_and_is_ignored_in_flight",),
     ),
     Told(
-        "Nobody is waited for in vain: an unattended run ends once its vehicle is heard to be down, and a person may end "
-        "one whose autopilot node is dead.",
+        "Nobody is waited for in vain: an unattended run ends once its vehicle is heard to be down, and a person may "
+        "end one whose autopilot node is dead.",
         (
             "nodes/test_unattended.py::test_a_pilots_landing_is_acknowledged_once_the_flight_is_over",
             f"{_LIES}after_the_alarm_a_person_may_end_a_mission_whose_vehicle_is_silent",
