@@ -33,11 +33,10 @@ class Recorder:
     """A client that keeps what it is given, and says what it is told to."""
 
     def __init__(self):
-        self.heard, self.waited_ns, self.woken, self.answers = [], [], 0, []
+        self.heard, self.woken, self.answers = [], 0, []
 
-    def receive(self, _, message, *, waited_ns=0):
+    def receive(self, _, message):
         self.heard.append(message)
-        self.waited_ns.append(waited_ns)
         answers, self.answers = self.answers, []
         return answers
 

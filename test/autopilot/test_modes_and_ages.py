@@ -84,17 +84,23 @@ def test_the_system_status_is_asked_for_when_the_mode_has_changed():
     assert (bench.vehicle.status(bench.t_ns).mode, control(bench.vehicle, bench.t_ns)) == ("AUTO.RTL", "failsafe")
 
 
-def test_what_lay_in_the_socket_while_the_process_stood_still_is_as_old_as_it_is():
+def said(client, t_ns):
+    status = client.status(t_ns)
+    return status.armed, status.landed.name, status.mode
+
+
+@pytest.mark.parametrize("stood_s, woken", [(0.9, (True, "IN_AIR", "AUTO.LOITER")), (9.0, (None, "UNKNOWN", ""))])
+def test_what_lay_in_the_socket_for_longer_than_it_holds_is_told_as_unknown_until_the_vehicle_speaks(stood_s, woken):
     """A heartbeat of before the landing, read after it, said that it was armed, just now."""
     bench = ClientBench().fly().advance(2.0)
     flies = next(message for _, _, message in reversed(bench.far.heard) if message.get_type() == "HEARTBEAT")
-    now_ns = bench.t_ns + 10 * S
-    bench.client.receive(now_ns, flies, waited_ns=9 * S)
-    assert bench.vehicle.link_age_ns(now_ns) == 9 * S
-    assert (bench.vehicle.armed(now_ns), bench.vehicle.mode(now_ns)) == (None, "")
-    bench.client.receive(now_ns, flies)
-    assert bench.vehicle.link_age_ns(now_ns) == 0
-    assert bench.vehicle.armed(now_ns) is True
+    t_ns = bench.t_ns + int(stood_s * S)
+    assert said(bench.client, bench.t_ns) == (True, "IN_AIR", "AUTO.LOITER")
+    bench.client.receive(t_ns, flies)
+    bench.client.wake(t_ns, read=True)
+    assert said(bench.client, t_ns) == woken
+    bench.client.receive(t_ns + S // 2, flies)
+    assert said(bench.client, t_ns + S // 2)[::2] == (True, "AUTO.LOITER")
 
 
 def test_link_age_is_the_age_of_anything_and_armed_has_one_of_its_own():

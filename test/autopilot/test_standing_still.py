@@ -307,7 +307,7 @@ def test_what_lies_in_the_socket_is_read_before_the_client_looks_at_the_time(qui
     monkeypatch.setattr(connection, "_CATCH_UP_NS", 10 * S)  # however busy this computer is
     link, client, vehicle = quiet_link
     order = []
-    client.receive = lambda _t_ns, message, **_how: order.append(message.get_type()) or ()
+    client.receive = lambda _t_ns, message: order.append(message.get_type()) or ()
     client.wake = lambda _t_ns, *, read: order.append(("wake", read)) or ()
     vehicle.say(*[beat()] * 100)  # more than is read at once
     link._wake_ns = 0

@@ -488,3 +488,24 @@ def test_a_landing_of_the_planners_that_stands_or_climbs_is_landed_for(mode, cli
 @pytest.mark.parametrize("speeds", [{"horizontal_speed_m_s": 2.0}, {"vertical_speed_m_s": -0.4}])
 def test_a_landing_of_the_planners_that_moves_on_or_sinks_is_left_to_it(speeds):
     _lands_by_planner(mode="AUTO.MISSION", **speeds).after(2.0).expect("MISSION")
+
+
+@pytest.mark.parametrize("speeds", [{"horizontal_speed_m_s": 2.0}, {"vertical_speed_m_s": -0.4}])
+def test_a_gust_begins_the_wait_for_a_landing_that_stands_no_second_time(speeds):
+    story = _lands_by_planner(mode="AUTO.MISSION")
+    still = dict.fromkeys(speeds, 0.0)
+    story.rules = replace(story.rules, limits=replace(story.rules.limits, landing_stall_limit_ns=5 * S))
+    story.vehicle.says.update(speeds)
+    story.after(0.6)
+    story.vehicle.says.update(still)
+    story.after(1.0).expect("MISSION")
+    story.after(1.0).expect("LAND")
+
+
+def test_nor_do_gusts_where_it_climbs():
+    story = _lands_by_planner(mode="AUTO.MISSION", vertical_speed_m_s=3.0)
+    story.rules = replace(story.rules, limits=replace(story.rules.limits, landing_stall_limit_ns=5 * S))
+    story.vehicle.says.update(horizontal_speed_m_s=0.6)
+    story.after(0.2)
+    story.vehicle.says.update(horizontal_speed_m_s=0.1)
+    story.after(2.2).expect("LAND")

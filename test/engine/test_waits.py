@@ -311,7 +311,7 @@ WAITS = (
         put_down,
     ),
     Wait("hold_repeat_after", "HOLD confirming", stepped, 1.5, "hold_repeated", "HOLD"),
-    Wait("moving", "HOLD holding", lambda s: s.state.vehicle.moving_ns, 1.0, "hold_flown_on", "HOLD", flies_on),
+    Wait("moving", "HOLD holding", lambda s: s.state.vehicle.adrift_ns, 1.0, "hold_flown_on", "HOLD", flies_on),
     Wait(
         "pilot_confirm",
         "MISSION flying",

@@ -23,7 +23,7 @@ from proof_run import Proof
 
 from amaze_autonomy.engine.rules import LimitRow, Limits
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 ACCEPTED = HERE / "accepted.json"
 KEPT = ROOT / "build" / "proof.json"
@@ -210,6 +210,8 @@ def fingerprint() -> str:
     ours = sorted(
         path.relative_to(ROOT) for path in names if any(ROOT / each in path.parents for each in ("src", "test"))
     )
+    if not any(path.name == "decide.py" for path in ours):
+        raise RuntimeError("what the proof imports is not of this repository: install it (./run build)")
     digest = hashlib.sha256(sys.version.split()[0].rpartition(".")[0].encode())
     for path in ours:
         digest.update(str(path).encode() + (ROOT / path).read_bytes())

@@ -307,6 +307,7 @@ FIELDS: Mapping[str, Draw] = {
     "flight.hold_repeated": _bool,
     "flight.another": _bool,
     "vehicle.moving_ns": _when,
+    "vehicle.adrift_ns": _when,
     "vehicle.takeover": _maybe(_agreement),
     "flight.takeover_noted": _bool,
     "landing.since_ns": _when,

@@ -30,7 +30,7 @@ proof of the vehicle.
 ./run proof                           # the bounded proof and its self-test, as in CI; it names what has changed
 ./run proof accept --reason WHY       # these figures are right: the page is written anew
 ./run proof induction --steps 10000000 --seed 2    # more steps from states that nobody has reached
-./run proof large                     # the same worlds, some 60 times larger (about 20 minutes)
+./run proof large                     # the same worlds, some 60 times larger (an hour or two)
 ./run proof large takeoff             # one world
 ```
 

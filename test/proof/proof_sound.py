@@ -164,7 +164,8 @@ def _(s: EngineState) -> bool:
 def _(s: EngineState) -> bool:
     if s.state in (*_ASKED, State.TAKEOFF, State.MISSION, State.HOLD):
         return s.session.result is Result.NONE
-    return s.state not in (State.DATA_CLEANUP, State.MISSION_ENDED, State.LAND) or s.session.result is not Result.NONE
+    over = (State.DATA_CLEANUP, State.MISSION_ENDED, State.LAND, State.PILOT)
+    return s.state not in over or s.session.result is not Result.NONE
 
 
 @_is("A person is asked about checks, before there is a result, or about the data of a recording, after it.")
@@ -412,9 +413,10 @@ def _(s: EngineState) -> bool:
 def _(s: EngineState) -> bool:
     status = s.peers.autopilot
     sinks = status is not None and status.vertical_speed_m_s is not None and status.vertical_speed_m_s < 0
-    moves = status is not None and status.mode != "AUTO.LOITER"
-    moves = moves and bool(status.horizontal_speed_m_s or status.vertical_speed_m_s)
-    return (s.vehicle.descending_ns is None or sinks) and (s.vehicle.moving_ns is None or moves)
+    across = status is not None and status.mode != "AUTO.LOITER" and bool(status.horizontal_speed_m_s)
+    drifts = across or (status is not None and status.mode != "AUTO.LOITER" and bool(status.vertical_speed_m_s))
+    moves = (s.vehicle.moving_ns is None or across) and (s.vehicle.adrift_ns is None or drifts)
+    return (s.vehicle.descending_ns is None or sinks) and moves
 
 
 @_is("The planner is idle, and the vehicle unknown, only as their last statuses say.")

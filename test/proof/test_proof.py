@@ -64,6 +64,7 @@ class TestProof:
     def test_what_all_worlds_reach_together_is_what_was_accepted(self, all_worlds, explore, proof):
         for world in all_worlds:
             explore(world)
+        assert proof.broken == {}
         assert proof.missing == []
         parts = [each.name for each in fields(Figures) if each.name not in ("defects", "induction", *OF_NO_RUN)]
         assert differences(read(), figures_of(proof, {}, Induction()), *parts) == ()

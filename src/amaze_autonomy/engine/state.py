@@ -354,7 +354,8 @@ class Vehicle:
         spinning: likewise, on armed and on the ground.
         takeover: how long they agree that somebody else has control.
         takeover_reason: and why, in words.
-        moving_ns, descending_ns: since when it flies on, and sinks.
+        moving_ns, descending_ns: since when it flies on over ground, and sinks; `adrift_ns`: since when no mode shows a
+            hold, and it moves, climbs or sinks.
     """
 
     down: Optional[Agreement] = None
@@ -365,6 +366,7 @@ class Vehicle:
     takeover: Optional[Agreement] = None
     takeover_reason: str = ""
     moving_ns: Optional[int] = None
+    adrift_ns: Optional[int] = None
     descending_ns: Optional[int] = None
 
 

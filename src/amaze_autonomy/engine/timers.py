@@ -149,7 +149,7 @@ TIMERS: Tuple[Timer, ...] = (
         ((State.HOLD, Step.CONFIRMING),),
         lambda s, r: None if s.flight.hold_repeated else s.step_ns + r.limits.hold_repeat_after_ns,
     ),
-    Timer("moving", ((State.HOLD, Step.HOLDING),), lambda s, r: _after(s.vehicle.moving_ns, r.limits.descent_time_ns)),
+    Timer("moving", ((State.HOLD, Step.HOLDING),), lambda s, r: _after(s.vehicle.adrift_ns, r.limits.descent_time_ns)),
     Timer("resume_confirm_limit", ((State.HOLD, Step.RESUMING),), _step("resume_confirm_limit_ns"), ends_state=True),
     Timer("wait_limit", _FLYING, _wait, ends_state=True),
     Timer(

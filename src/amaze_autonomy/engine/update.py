@@ -315,6 +315,7 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
         "vehicle",
         descending_ns=_since(vehicle.descending_ns, now, says=descending),
         moving_ns=_since(vehicle.moving_ns, now, says=_moves(context, event)),
+        adrift_ns=_since(vehicle.adrift_ns, now, says=_adrift(context, event)),
     )
     _flight(context)
     _armed_at_start(context)
@@ -378,9 +379,7 @@ def _stands_still(context: Context) -> bool:
     lands = status.mode in LANDING_MODES
     if not lands and None in (status.vertical_speed_m_s, status.horizontal_speed_m_s):
         return False
-    across = status.horizontal_speed_m_s or 0.0  # what climbs in its landing comes no further, either
-    moves = not lands and across > context.limits.hold_speed_m_s
-    since = (vehicle.descending_ns, vehicle.moving_ns if moves else None)
+    since = (vehicle.descending_ns, None if lands else vehicle.moving_ns)
     return all(each is None or context.now - each < context.limits.descent_time_ns for each in since)
 
 
@@ -410,7 +409,13 @@ def _control(context: Context, event: AutopilotStatus, *, again: bool = False) -
 
 
 def _moves(context: Context, event: AutopilotStatus) -> bool:
-    """Return True when the flight mode shows no hold, and a speed that it moves; an unknown speed shows nothing."""
+    """Return True when neither the flight mode nor the speed over ground shows a hold; unknown speed shows nothing."""
+    speed = event.horizontal_speed_m_s
+    return event.mode not in HOLDING_MODES and speed is not None and speed > context.limits.hold_speed_m_s
+
+
+def _adrift(context: Context, event: AutopilotStatus) -> bool:
+    """Return True when the flight mode shows no hold, and it moves, or climbs or sinks, too fast for one."""
     return event.mode not in HOLDING_MODES and bool(fast(event, context.limits.hold_speed_m_s))
 
 

@@ -280,7 +280,7 @@ def _speeds(witness: Witness, event: Any, now: int, changes: Dict[str, Any], lim
     """Note since when it sinks, moves, or does neither in a landing of the planner's."""
     down, across = event.vertical_speed_m_s, event.horizontal_speed_m_s
     sinks = down is not None and down <= -limits.descent_speed_m_s
-    moves = max(across or 0.0, abs(down or 0.0)) > limits.hold_speed_m_s and event.mode != "AUTO.LOITER"
+    moves = across is not None and across > limits.hold_speed_m_s and event.mode != "AUTO.LOITER"
     since = {
         "descending_ns": (now if witness.descending_ns is None else witness.descending_ns) if sinks else None,
         "moving_ns": (now if witness.moving_ns is None else witness.moving_ns) if moves else None,
@@ -312,7 +312,6 @@ def _stalled_since(witness: Witness, planner: Any, limits: Limits) -> Optional[i
         each is not None and now - each >= limits.descent_time_ns for each in (witness.descending_ns, witness.moving_ns)
     )
     told = status.vertical_speed_m_s is not None and status.horizontal_speed_m_s is not None
-    moves = moves and (status.horizontal_speed_m_s or 0.0) > limits.hold_speed_m_s  # to climb is not to move on
     still = not sinks and (status.mode in _LANDING_MODES or (told and not moves))
     return (now if witness.stalled_ns is None else witness.stalled_ns) if still else None
 

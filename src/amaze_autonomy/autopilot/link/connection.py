@@ -35,15 +35,8 @@ _LOOK_NS = 20_000_000
 class Client(Protocol):
     """What lives on a link. Both return the messages to send; the link addresses and sequences nothing else."""
 
-    def receive(self, t_ns: int, message: Message, *, heard: bool = True, waited_ns: int = 0) -> Iterable[Message]:
-        """Take a message of the vehicle.
-
-        Args:
-            t_ns: now.
-            message: what it says.
-            heard: False: somebody answered in its place, and it may be silent.
-            waited_ns: for how long it lay in the socket: so old is what it says.
-        """
+    def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> Iterable[Message]:
+        """Take a message of the vehicle; not heard: somebody answered in its place, and it may be silent."""
 
     def wake(self, t_ns: int, *, read: bool = True) -> Iterable[Message]:
         """Look at the time, 20 times a second; all that had come was read, or the link could not be read empty."""
@@ -359,12 +352,12 @@ class Connection(ClientHost):
                     self._peers.pass_over(came_ns, (frame.system, frame.component), frame.sequence, source)
                 elif message is not None and self._peers.take(came_ns, message, source):
                     self._port.prefer(source)
-                    self._deliver(t_ns, message, waited_ns)
+                    self._deliver(t_ns, message)
         self._announce()
         return bool(chunks)
 
-    def _deliver(self, t_ns: int, message: Message, waited_ns: int) -> None:
-        self._tell(lambda: self._client.receive(t_ns, message, waited_ns=waited_ns))
+    def _deliver(self, t_ns: int, message: Message) -> None:
+        self._tell(lambda: self._client.receive(t_ns, message))
 
     def _transmit(self, messages: Iterable[Message]) -> None:
         for message in messages:

@@ -107,10 +107,10 @@ class Sequencer:
 
     # --- the link -------------------------------------------------------------------------------------------------
 
-    def receive(self, t_ns: int, message: Message, *, heard: bool = True, waited_ns: int = 0) -> Iterable[Message]:
-        """Take a message of the vehicle, so old as it lay in the socket; not heard: another one answered for it."""
+    def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> Iterable[Message]:
+        """Take a message of the vehicle; not heard: another one's answer in its place."""
         self._look(t_ns)
-        self.watch.take(t_ns - waited_ns, message, heard=heard)
+        self.watch.take(t_ns, message, heard=heard)
         self._ask_anew()
         self._rates.heard(t_ns, message.get_type())
         if message.get_type() == "MISSION_CURRENT":

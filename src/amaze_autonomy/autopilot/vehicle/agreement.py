@@ -166,6 +166,13 @@ class Attention:
             self._unread = not read and t_ns < self._woke_ns + UNREAD_NS
         return stood_ns
 
+    def doubts(self, heard_ns: Optional[int]) -> bool:
+        """Return whether what was heard then may be over for long: it stood still for longer than a socket holds.
+
+        The socket holds what came first. So what is read last is of any time of the stall, and no newer one came.
+        """
+        return self._stood_ns > KEPT_NS and (heard_ns or 0) < self.awake_ns
+
     def lands(self, t_ns: int, heard_ns: Optional[int]) -> bool:
         """Return whether a landing may be sent: what shows who flies has been read, or nothing did in time.
 

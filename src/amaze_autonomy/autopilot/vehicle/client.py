@@ -6,12 +6,13 @@ Drive it with a `Connection`; the services call `land`, `disarm` and the checks 
 from __future__ import annotations
 
 import enum
+from dataclasses import replace
 from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.config import AutopilotSettings, ConfigError
 from amaze_autonomy.config.errors import Place
 from amaze_autonomy.config.schemas.autopilot import JUDGED_RATES
-from amaze_autonomy.engine.events import Landed, VehicleLanded
+from amaze_autonomy.engine.events import AutopilotStatus, Landed, VehicleLanded
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict
 from amaze_autonomy.monitoring.land_switch import LandSwitchMonitor
@@ -136,15 +137,22 @@ class AutopilotClient:
         self._t_ns = self._prearm_due_ns = self._beat_due_ns = self._restarts = 0
         self.on_text: Callable[[int, str], None] = lambda _severity, _text: None
 
+    def status(self, t_ns: int) -> AutopilotStatus:
+        """Return all of the vehicle as the engine takes it; after a long stall no state that may be over for long."""
+        told, beat = self.vehicle.status(t_ns), self.vehicle.beat
+        if self._attention.doubts(None if beat is None else beat.t_ns):
+            return replace(told, armed=None, landed=VehicleLanded.UNKNOWN, mode="")
+        return told
+
     # --- the link's thread ----------------------------------------------------------------------------------------
 
-    def receive(self, t_ns: int, message: Message, *, heard: bool = True, waited_ns: int = 0) -> List[Message]:
-        """Take a message of the vehicle, so old as it lay in the socket; not heard: another one answered for it."""
+    def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> List[Message]:
+        """Take a message of the vehicle; not heard: another one's answer in its place."""
         age_ns = self.vehicle.link_age_ns(t_ns)
         self._look(t_ns)
         name = message.get_type()
         self._rates.heard(t_ns, name)
-        self.vehicle.receive(t_ns - waited_ns, message, heard=heard)
+        self.vehicle.receive(t_ns, message, heard=heard)
         if name == "HEARTBEAT":
             settings = self.settings
             self._parameters.expect(settings.parameters if self._is_px4() else settings.ardupilot_parameters)
@@ -161,7 +169,7 @@ class AutopilotClient:
         elif name == "RC_CHANNELS":
             self._add_channels(t_ns, message)
         elif name == "SYSTEM_TIME":
-            self.vehicle.offset.add_system_time(t_ns - waited_ns + self._wall(), message)
+            self.vehicle.offset.add_system_time(t_ns + self._wall(), message)
         return []
 
     def _add_channels(self, t_ns: int, message: Message) -> None:

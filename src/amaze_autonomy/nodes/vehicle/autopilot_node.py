@@ -173,7 +173,7 @@ class AutopilotNode:
             "battery_current": None if battery is None else battery.current_a,
             "clock_offset": None if offset_ns is None else offset_ns / _S,
         }
-        return vehicle.status(t_ns), health, measured, vehicle.sequences(t_ns)
+        return self.client.status(t_ns), health, measured, vehicle.sequences(t_ns)
 
     def _tell_link(self, now_ns: int) -> None:
         """Log what has become of the link, once for each change."""

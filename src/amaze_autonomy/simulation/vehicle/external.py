@@ -86,14 +86,7 @@ class Observer:
             "MISSION_ITEM_REACHED": self._item_reached,
         }
 
-    def receive(
-        self,
-        t_ns: int,
-        message: Message,
-        *,
-        heard: bool = True,  # noqa: ARG002
-        waited_ns: int = 0,  # noqa: ARG002 - it simulates what was measured then
-    ) -> Iterable[Message]:
+    def receive(self, t_ns: int, message: Message, *, heard: bool = True) -> Iterable[Message]:  # noqa: ARG002
         """Take a message of the vehicle."""
         name = message.get_type()
         self._rates.heard(t_ns, name)
