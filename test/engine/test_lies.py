@@ -512,9 +512,10 @@ def test_that_it_stood_still_a_while_ago_shows_no_hold(told_before_s, later_s, w
     assert story.state.peers.planner.phase is ev.MissionPhase.HOLDING, "it was heard that it holds"
 
 
-def test_a_vehicle_that_flies_on_while_it_should_hold_is_told_again_and_landed():
+@pytest.mark.parametrize("speed", [{"horizontal_speed_m_s": 2.0}, {"vertical_speed_m_s": 1.5}])
+def test_a_vehicle_that_flies_on_or_climbs_away_while_it_should_hold_is_told_again_and_landed(speed):
     story = at("HOLD holding")
-    story.vehicle.says.update(mode="OFFBOARD", horizontal_speed_m_s=2.0)
+    story.vehicle.says.update(mode="OFFBOARD", **speed)
     story.after(1.3).expect("HOLD", "confirming")
     assert story.motions == ["HOLD"]
     story.after(3.2).expect("LAND")
@@ -536,14 +537,6 @@ def test_one_speed_alone_shows_no_standing_still(speeds):
     story = at("MISSION flying")
     story.say(mode="OFFBOARD", **{"horizontal_speed_m_s": 0.0, "vertical_speed_m_s": 0.0, **speeds})
     story.user("hold")
-    story.after(3.2).expect("LAND")
-
-
-def test_a_vehicle_that_climbs_away_while_it_should_hold_is_told_again_and_landed():
-    story = at("HOLD holding")
-    story.vehicle.says.update(mode="OFFBOARD", vertical_speed_m_s=1.5)
-    story.after(1.3).expect("HOLD", "confirming")
-    assert story.motions == ["HOLD"]
     story.after(3.2).expect("LAND")
 
 

@@ -171,7 +171,7 @@ STORIES: Sequence[Told] = (
         "Holding is shown by flight mode or standing still; else it is asked again, and landed at the limit.",
         (
             f"{_LIES}the_planners_word_alone_shows_no_hold",
-            f"{_LIES}a_vehicle_that_flies_on_while_it_should_hold_is_told_again_and_landed",
+            f"{_LIES}a_vehicle_that_flies_on_or_climbs_away_while_it_should_hold_is_told_again_and_landed",
         ),
         (f"{_LIVE}planner_that_says_holding_while_the_vehicle_flies_on_is_not_believed",),
         ("hold_and_resume",),
