@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import Phase, settings
 from hypothesis.configuration import set_hypothesis_home_dir
+
+sys.path.append(str(Path(__file__).parent))
+import drawn
 
 from amaze_autonomy.tester.golden import CI_VARIABLES
 
@@ -29,6 +33,10 @@ PROFILE = os.environ.get("HYPOTHESIS_PROFILE", "repeatable")
 settings.load_profile(PROFILE)
 
 
+def pytest_report_header():
+    return f"of what takes long a third is tested, drawn by AMAZE_DRAW={drawn.SEED}" if drawn.SEED else None
+
+
 @pytest.fixture
 def umask_of_nodes():
     """Write as nodes do, whoever starts them (test/nodes/test_process.py)."""
@@ -41,8 +49,13 @@ def umask_of_nodes():
 def pytest_collection_modifyitems(config, items):
     """Leave rows of slow tests to the night (`slow_rows`), and with few examples those between the first and the last.
 
-    What waits for the jobs beside this run comes last.
+    Likewise what is not drawn. What waits for the jobs beside this run comes last.
     """
+    for item in items:
+        long = PROFILE == "few" or item.path in drawn.FILES or item.get_closest_marker("builds") is not None
+        group = item.get_closest_marker("xdist_group")  # what shares something that takes long to make
+        if long and not drawn.is_drawn(group.args[0] if group else item.nodeid):
+            item.add_marker("night")
     rows = {}
     for item in items:
         rows.setdefault(item.nodeid.partition("[")[0], []).append(item)

@@ -13,7 +13,7 @@ from amaze_autonomy.engine.commands import AutopilotDisarm, Decision
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import AutopilotStatus, EngineStarted, Tick, VehicleLanded
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.state import EngineState
+from amaze_autonomy.engine.state import EngineState, Flight, State
 from amaze_autonomy.laws import LAWS, Broken, BrokenLawError, Judge, Judged, Witness, check, judge, observed
 
 S = 1_000_000_000
@@ -91,3 +91,13 @@ def test_an_engine_that_begins_anew_is_judged_anew():
 
 def test_every_law_names_its_rule():
     assert [law.name for law in LAWS.values() if not law.source or not law.words.endswith(".")] == []
+
+
+@pytest.mark.parametrize("age_ns, agrees", [(0, True), (S + 1, False), (-S // 5 - 1, False)])
+def test_a_status_that_the_engine_does_not_take_agrees_with_none_before_it(age_ns, agrees):
+    said = AutopilotStatus(t_ns=9 * S, armed=True, landed=VehicleLanded.ON_GROUND, mode="AUTO.LOITER", link_age_s=0.0)
+    later = replace(said, t_ns=said.t_ns + RULES.limits.flight_end_confirm_ns, age_ns=age_ns)
+    held = replace(EngineState(), t_ns=later.t_ns, state=State.HOLD, flight=replace(Flight(), active=True))
+    seen = Witness(now=said.t_ns, vehicle=said, vehicle_ns=said.t_ns, ground_ns=said.t_ns)
+    broken = [law.name for law, why in check(observed(seen, held, later, (), held, RULES)) if why]
+    assert ("a_hold_ends_on_the_ground" in broken) is agrees

@@ -37,8 +37,9 @@ def test_without_a_job_it_lists_them_all(tmp_path):
 
     listed = [line.split()[0] for line in result.stdout.splitlines()[1:]]
     assert listed == [
-        *("build", "demo", "demo-two-computers", "console", "replay", "test", "test-beside", "test-py38"),
+        *("build", "demo", "demo-two-computers", "console", "replay", "test", "test-all", "test-beside"),
         *(
+            "test-py38",
             "test-lowest",
             "test-python",
             "test-proof",

@@ -354,7 +354,10 @@ STORIES: Sequence[Told] = (
             "autopilot/test_client.py::test_nothing_disarms_on_a_landed_state_that_is_old",
             "engine/test_landing.py::test_never_disarmed_while_airborne_or_unknown",
         ),
-        ("ros/autopilot.py::test_it_lands_and_disarms_on_the_ground_only",),
+        (
+            "ros/autopilot.py::test_it_lands_and_disarms_on_the_ground_only",
+            f"{_LIVE}vehicle_whose_ground_is_no_longer_told_is_not_disarmed_in_the_air",
+        ),
         ("cut_5_s_in_takeoff",),
     ),
     Told(
@@ -387,7 +390,10 @@ STORIES: Sequence[Told] = (
             f"{_AGES}why_px4_does_not_arm_is_known_without_a_ground_station_by_its_events",
             f"{_LIES}what_is_flown_on_without_does_not_say_so_while_it_lands",
         ),
-        ("ros/mission_planner.py::test_a_landing_is_taken_of_a_vehicle_that_is_silent_and_repetitions_are_not_logged",),
+        (
+            f"{_LIVE}reason_why_arming_is_refused_reaches_the_operator",
+            "ros/mission_planner.py::test_a_landing_is_taken_of_a_vehicle_that_is_silent_and_repetitions_are_not_logged",
+        ),
         ("arming_denied", "arming_denied_at_takeoff"),
     ),
 )

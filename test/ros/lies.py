@@ -48,6 +48,7 @@ DONE, REFUSED = 1, 2
 NS = 1_000_000_000
 MISSION, LAND = "AUTO.MISSION", "AUTO.LAND"
 ARM = (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+DISARM = (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
 lies = Behaviours()
 
 
@@ -395,6 +396,33 @@ def link_that_is_cut_at_the_arming_is_landed_for_and_nothing_goes_on_afterwards(
         assert vehicle.craft.height_m == 0.0
         assert MISSION not in vehicle.modes, f"the takeoff went on: {vehicle.modes}"
         assert ARM not in vehicle.commands[before:], "it was armed once more"
+
+
+@lies.add(processes=(), start=False)
+def vehicle_whose_ground_is_no_longer_told_is_not_disarmed_in_the_air(stack: Stack) -> None:
+    """The last that it says of the ground is that it stands there: its takeoff fails in the air, and is landed for."""
+    with flown(stack, "mission:=long") as vehicle:
+        wait(stack, lambda: vehicle.craft.armed, "the arming")
+        vehicle.unsaid.add("EXTENDED_SYS_STATE")
+        wait_for(lambda: vehicle.craft.airborne, "the lift-off")
+        wait_for(lambda: LAND in vehicle.modes, "the landing mode", LIMIT_S)
+        wait_for(lambda: not vehicle.craft.armed, "the landing", LIMIT_S)  # PX4 disarms by itself
+        assert DISARM not in vehicle.commands, "it was disarmed on a ground that it had told before"
+        vehicle.unsaid.clear()
+        down(stack, vehicle)
+
+
+@lies.add(processes=(), start=False)
+def reason_why_arming_is_refused_reaches_the_operator(stack: Stack) -> None:
+    """In the autopilot's own words, where it tells them: PX4 withholds them on a link without a ground station."""
+    with flown(stack, "mission:=long", overrides=("autopilot.planner_link.ground_station=true",)) as vehicle:
+        vehicle.refusal = "the hatch is open"
+        assert wait(
+            stack, lambda: stack.decisions("takeoff_failed") or stack.decisions("takeoff_refused"), "the refusal"
+        )
+        stack.wait_state("OUTREACH")
+        assert "Arming denied: the hatch is open" in stack.states[-1].message, stack.states[-1].message
+        assert vehicle.modes == [""], "it was armed"
 
 
 @lies.add(processes=(), start=False)

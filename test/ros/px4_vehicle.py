@@ -74,6 +74,7 @@ class Px4Vehicle:
         unsaid: kinds of messages that do not come through, as by chance on a bad link.
         modes: that it was in while it was armed, in order.
         commands: that came to it, each with its first parameter, in order.
+        refusal: why it does not arm from the moment when it is asked to; until then it seems ready.
         addresses: host and port of each endpoint.
     """
 
@@ -89,6 +90,7 @@ class Px4Vehicle:
         self.cut, self.lost_fraction, self.modes = False, 0.0, [""]
         self.unsaid: Set[str] = set()
         self.commands: List[Tuple[int, float]] = []
+        self.refusal = ""
         draw = Random(1)
         self._ends = [address.partition(":")[2] for address in addresses]
         self.addresses = [(host, int(port)) for host, _, port in (end.partition(":") for end in self._ends)]
@@ -108,6 +110,8 @@ class Px4Vehicle:
         def heard(t_ns: int, name: str, message: Any) -> None:
             if message.get_type() in ("COMMAND_LONG", "COMMAND_INT"):
                 self.commands.append((message.command, message.param1))
+                if self.refusal and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+                    self.craft.flags.not_ready["refusal"] = self.refusal
             receive(t_ns, name, message)
 
         vars(px4)["receive"] = heard

@@ -320,7 +320,7 @@ def a_hold_ends_on_the_ground(m: Moment) -> Verdict:
     since, limits = m.saw.ground_ns, m.rules.limits
     if m.after.state is not State.HOLD or not m.after.flight.active or m.in_doubt or since is None:
         return None
-    stands = isinstance(m.event, ev.AutopilotStatus) and m.saw.on_ground(limits)
+    stands = m.saw.vehicle is m.event and m.saw.on_ground(limits)  # a status whose stamp is wrong agrees with none
     agreed = stands and m.saw.now - since >= limits.flight_end_confirm_ns
     return "it stands on the ground, and is still held" if agreed else True
 

@@ -1,0 +1,55 @@
+"""What a commit tests of what takes long: a third that it draws; the night has the others.
+
+`./run test` sets AMAZE_DRAW to the name of the commit, so that a red test stays red and each commit sees another third.
+Without it, as with arguments (`./run test test/bags`), everything is tested.
+"""
+
+from __future__ import annotations
+
+import os
+from hashlib import sha256
+from pathlib import Path
+from typing import List, Sequence
+
+SEED = os.environ.get("AMAZE_DRAW", "")
+OF = 3
+
+# Whole flights, recordings and suites, a second of a processor each. Builds, and another Python
+# (HYPOTHESIS_PROFILE=few), have a third of everything. What forbids a command against a pilot or a landing is not among
+# them (autopilot: hands_off, landing_stands, standing_still): each commit has all of it.
+DRAWN = {
+    "autopilot": "client link_fuzz modes_and_ages planner_ardupilot planner_recorded sequencer vehicle_lies"
+    " vehicle_recorded",
+    "bags": "bag_cli definitions real_bags",
+    "bags/merge": "filter lz4_chunk_copy merge_bits",
+    "bags/recover": "recover scan",
+    "cns": "flights sequencer served_planner",
+    "config": "fuzz",
+    "pages": "flight",
+    "replay": "beginning cli demo_bag flights journal_command light near_zero real_recordings run sensors_decide truth",
+    "replay/maps": "proposal",
+    "replay/recordings": "other_recordings telemetry",
+    "simulation": "cli run",
+    "simulation/px4": "recordings soak",
+    "simulation/vehicle": "vehicle_laws",
+    "tester": "corpus outputs recipes suite_bags suite_cli suite_mistakes suite_tools vacuous",
+}
+FILES = frozenset(
+    Path(__file__).parent / folder / f"test_{name}.py" for folder, names in DRAWN.items() for name in names.split()
+)
+
+
+def _number(name: str, seed: str) -> int:
+    return int.from_bytes(sha256(f"{seed} {name}".encode()).digest(), "big")
+
+
+def is_drawn(name: str, seed: str = SEED) -> bool:
+    """Return whether a seed draws what has this name: one of three; without a seed everything is."""
+    return not seed or _number(name, seed) % OF == 0
+
+
+def some_of(names: Sequence[str], seed: str = SEED) -> List[str]:
+    """Return the third of these names that a seed draws, at least one, in their order; without a seed all."""
+    count = -(-len(names) // OF) if seed else len(names)
+    taken = set(sorted(names, key=lambda name: _number(name, seed))[:count])
+    return [name for name in names if name in taken]
