@@ -48,13 +48,14 @@ OTHER_PEERS = "watchdog,landing_detection,state_estimation,autopilot,mission_pla
 RATE_HZ = 200
 CUTS = int(os.environ.get("AMAZE_CUTS", "3"))
 LOST_BY_A_CUT_S = 1.5
+LZ4_CHUNK_BYTES = 64 * 1024  # what a chunk holds before it is compressed (docs/configuration.md, chunk_kb)
 MESSAGES_LOST_BY_A_CUT = 3  # at one a second: the last one, and what came in the time of a sync
 TOLD_WITHIN_S = 0.5  # of what is missing: record times against numbers, on a busy machine
 EXT4_SHUTDOWN, WITHOUT_LOG = 0x8004587D, 2  # linux/fs/ext4: what xfstests cuts the power with; nothing more is written
 CONFIGURATION = """
 folder: {folder}
 collector: main
-storage: {{min_free_gb: 0.0, min_free_fraction: 0.0, reserve_mb: {reserve}}}
+storage: {{min_free_gb: 0.0, min_free_fraction: 0.0, reserve_mb: {reserve}, compression: {compression}}}
 start_limit_s: 12.0
 stop_limit_s: 4.0
 platform_limit_s: 2.0
@@ -127,13 +128,15 @@ class Recorders:
         keep: str = "true",
         transfer: str = "",
         rate_hz: int = RATE_HZ,
+        compression: str = "none",
     ) -> None:
         self.name = name
         self.folder = Path(tempfile.mkdtemp(prefix=f"amaze_{name}_"))
         self.storage = storage or self.folder / "storage"
         self._config = self.folder / "config"
         shutil.copytree(config_folder(), self._config)
-        text = CONFIGURATION.format(folder=self.storage, reserve=reserve_mb, keep=keep, transfer=transfer)
+        given = {"reserve": reserve_mb, "keep": keep, "transfer": transfer, "compression": compression}
+        text = CONFIGURATION.format(folder=self.storage, **given)
         text = text.replace("main/numbers", f"/{name}/main/numbers").replace(
             "second/numbers", f"/{name}/second/numbers"
         )
@@ -583,7 +586,17 @@ class TestRecorder(unittest.TestCase):
         print(f"{cuts} power cuts, two bags each with a message of 25 bytes a second: lost {lost} messages")
         self.assertLessEqual(max(lost), MESSAGES_LOST_BY_A_CUT, lost)
 
-    def lost_by_cuts(self, name: str, cuts: int, size: int = 100, rate_hz: int = RATE_HZ) -> List[int]:
+    def test_of_a_compressed_bag_a_power_cut_takes_the_chunk_that_is_open_too(self) -> None:
+        cuts = max(1, CUTS // 3)
+        lost_s = [each / RATE_HZ for each in self.lost_by_cuts("lz4", cuts, size=400, compression="lz4")]
+        limit_s = LOST_BY_A_CUT_S + LZ4_CHUNK_BYTES / (400 * RATE_HZ)
+        words = ", ".join(f"{each:.2f}" for each in lost_s)
+        print(f"{cuts} power cuts, two bags each, lz4, 80 kB/s: lost {words} s (limit {limit_s:.1f} s)")
+        self.assertLess(max(lost_s), limit_s, words)
+
+    def lost_by_cuts(
+        self, name: str, cuts: int, size: int = 100, rate_hz: int = RATE_HZ, compression: str = "none"
+    ) -> List[int]:
         """Cut the power of both platforms at random moments; return how many messages each has lost each time."""
         memory = Path("/dev/shm")  # the image lies there: how busy the disk of this machine is does not matter
         folder = Path(tempfile.mkdtemp(prefix="amaze_cut_", dir=memory if memory.is_dir() else None))
@@ -594,7 +607,9 @@ class TestRecorder(unittest.TestCase):
         lost: List[int] = []
         told: List[str] = []
         for number in range(cuts):
-            recorders = self.recorders(f"{name}{number}", storage=disk.folder, size=size, rate_hz=rate_hz)
+            recorders = self.recorders(
+                f"{name}{number}", storage=disk.folder, size=size, rate_hz=rate_hz, compression=compression
+            )
             for platform in PLATFORMS:
                 recorders.start_node(platform)
             self.assertTrue(recorders.ask("start").accepted)

@@ -35,6 +35,7 @@ MEASURES: Mapping[str, str] = {
     "pilot_after_mode_s": "from a mode that the ground station commanded, in a heartbeat, to the state PILOT",
     "flight_s": "armed",
     "max_height_m": "above the ground",
+    "journal_mb_per_hour": "what the engine's journal grows by while the state is MISSION, for the first time",
 }
 
 
@@ -46,12 +47,14 @@ class Journal(NamedTuple):
         decisions: (time, row).
         code_16_s: when the first code 16 came in flight; None: never.
         text: all of it.
+        mb_per_hour: by which it grows while the state is MISSION, for the first time; None: it never left that.
     """
 
     states: Tuple[Tuple[float, str], ...]
     decisions: Tuple[Tuple[float, Mapping[str, Any]], ...]
     code_16_s: Optional[float]
     text: str
+    mb_per_hour: Optional[float] = None
 
     def first(self, state: str) -> Optional[float]:
         """Return when a state was first entered."""
@@ -88,7 +91,21 @@ def read_journal(path: Path, unix_minus_monotonic_s: float) -> Journal:
             code_16_s = json.loads(line)["t_ns"] * 1e-9 + unix_minus_monotonic_s
     changes = [(t_s, row["after"]) for t_s, row in decisions]
     states = tuple(next(group) for _, group in itertools.groupby(changes, key=lambda each: each[1]))
-    return Journal(states, tuple(decisions), code_16_s, text)
+    return Journal(states, tuple(decisions), code_16_s, text, _growth(text))
+
+
+def _growth(text: str) -> Optional[float]:
+    """Return by how many MB an hour the text grows while the state is MISSION, for the first time."""
+    size, began = 0, None
+    for line in text.splitlines(keepends=True):
+        if '"kind":"decision"' in line:
+            row = json.loads(line)
+            if began is None and row["after"] == "MISSION":
+                began = (size, row["t_ns"])
+            elif began is not None and row["after"] != "MISSION":
+                return (size - began[0]) / (row["t_ns"] - began[1]) * 3600 * 1000
+        size += len(line.encode())
+    return None
 
 
 def judge(scenario: Scenario, autopilot: str, folder: Path) -> Verdict:
@@ -209,6 +226,7 @@ def _measured(journal: Journal, wire: Wire) -> Dict[str, float]:
     if armed_s is not None:
         found["flight_s"] = _since(armed_s, _end(wire, armed_s))
     found["max_height_m"] = max((height for _, height in wire.heights), default=None)
+    found["journal_mb_per_hour"] = journal.mb_per_hour
     return {name: value for name, value in found.items() if value is not None}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from sitl_judge import Journal, _compared, _expected, _measured, _rules
+from sitl_judge import Journal, _compared, _expected, _measured, _rules, read_journal
 from sitl_wire import Order, Shown, Wire
 
 ARMED = [Shown(0.0, False, "AUTO.LOITER"), Shown(10.0, True, "AUTO.MISSION"), Shown(20.4, True, "AUTO.LAND")]
@@ -83,6 +83,18 @@ def test_the_pilots_mode_is_measured_to_the_state_pilot():
     by_sticks = wire(Order(15.0, "station", "POSCTL", 2.0), shown=taken)
 
     assert _measured(journal(*FLIGHT, (15.5, "PILOT")), by_sticks)["pilot_after_mode_s"] == pytest.approx(0.2)
+
+
+def test_what_the_journal_grows_by_is_that_of_the_mission_alone(tmp_path):
+    decision = '{"after":"%s","kind":"decision","t_ns":%d,"commands":[]}\n'
+    entered = decision % ("MISSION", 10**9)
+    said = "x" * (2000 - len(entered) - 1) + "\n"
+    (tmp_path / "journal.jsonl").write_text(
+        decision % ("TAKEOFF", 0) + entered + said + decision % ("LAND", 3 * 10**9) + 9 * said
+    )
+    assert read_journal(tmp_path / "journal.jsonl", 0.0).mb_per_hour == pytest.approx(3.6)
+    (tmp_path / "journal.jsonl").write_text(entered + said)
+    assert read_journal(tmp_path / "journal.jsonl", 0.0).mb_per_hour is None
 
 
 EXPECTED = {"result": ["COMPLETE"], "states": [["TAKEOFF", "MISSION"]], "at_most": {"hold_to_mode_s": 0.5}}
