@@ -33,8 +33,9 @@ PROFILE = os.environ.get("HYPOTHESIS_PROFILE", "repeatable")
 settings.load_profile(PROFILE)
 
 
-def pytest_report_header():
-    return f"of what takes long a third is tested, drawn by AMAZE_DRAW={drawn.SEED}" if drawn.SEED else None
+def pytest_report_header(config):
+    thins = drawn.SEED and "not" in config.option.markexpr and "night" in config.option.markexpr
+    return f"of what takes long a third is tested, drawn by AMAZE_DRAW={drawn.SEED}" if thins else None
 
 
 @pytest.fixture
@@ -45,16 +46,33 @@ def umask_of_nodes():
     os.umask(before)
 
 
+def groups_of(item):
+    """Return the name under which tests share something that takes long to make, if any."""
+    mark = item.get_closest_marker("xdist_group")
+    return [] if mark is None else [mark.args[0]]
+
+
+def is_wanted(item, builds):
+    """Return whether this commit has a test; `builds`: which of what is built for many tests it makes."""
+    group = groups_of(item)
+    if item.get_closest_marker("builds") is not None:
+        return group[0] in builds if group else drawn.is_drawn(item.nodeid)
+    function = item.nodeid.partition("[")[0].rpartition("::")[2]
+    if PROFILE != "few" and (item.path not in drawn.FILES or drawn.is_kept(item.path.parent.name, function)):
+        return True
+    return drawn.is_drawn((group or [item.nodeid])[0])
+
+
 @pytest.hookimpl(tryfirst=True)  # before it is decided what of the night is left out
 def pytest_collection_modifyitems(config, items):
     """Leave rows of slow tests to the night (`slow_rows`), and with few examples those between the first and the last.
 
     Likewise what is not drawn. What waits for the jobs beside this run comes last.
     """
+    groups = {name: item for item in items for name in groups_of(item) if item.get_closest_marker("night") is None}
+    builds = drawn.some_of(sorted(name for name, item in groups.items() if item.get_closest_marker("builds")))
     for item in items:
-        long = PROFILE == "few" or item.path in drawn.FILES or item.get_closest_marker("builds") is not None
-        group = item.get_closest_marker("xdist_group")  # what shares something that takes long to make
-        if long and not drawn.is_drawn(group.args[0] if group else item.nodeid):
+        if not is_wanted(item, builds):
             item.add_marker("night")
     rows = {}
     for item in items:

@@ -152,18 +152,22 @@ def test_a_transfer_over_a_network_that_is_cut_goes_on_where_it_was(hosts, monke
 
     def fetch():
         # a machine at its limits may be silent for 2 s as a network is: fetched again, as the recorder does
-        while not problems or (problems[-1] and not cut.is_set()):
+        while not cut.is_set() and not (problems and problems[-1] == ""):
             problems.append(jobs.fetch(transfer, str(source), target, seen.append))
+            cut.wait(0.5)
 
     thread = threading.Thread(target=fetch, daemon=True)
     began = time.monotonic()
     thread.start()
-    wait_for(lambda: seen[-1] > 0.3, lambda: f"a third of the part ({seen[-1]:.2f}, {problems})", 60.0)
-    cut.set()
+    wait_for(lambda: seen[-1] > 0.3, lambda: f"a third of the part ({seen[-1]:.2f}, {problems[-3:]})", 60.0)
+    before = len(problems)
     ip("-n", NAME, "link", "set", far, "down")
     cut_s = time.monotonic()
-    thread.join(30.0)
+    wait_for(lambda: len(problems) > before, "the notice of the cut", 30.0)
     noticed_s = time.monotonic() - cut_s
+    cut.set()
+    thread.join(30.0)
+    assert not thread.is_alive()
     assert problems[-1].startswith("rsync: "), problems
     partial = target / ".partial" / "realsense-01.bag"
     kept = partial.stat().st_size

@@ -34,9 +34,8 @@ from amaze_autonomy.ros.rospy_flaws import mend_rospy
 AT_ONCE = 6 * (os.cpu_count() or 1)
 AGAIN = "flown_again.log"  # in ROS_HOME; `./run test-ros` shows it
 BUSY_FRACTION = 0.2  # of the processors' time: where less than that is idle, processes wait for each other
-_QUICK = bool(
-    os.environ.get("AMAZE_QUICK")
-)  # `./run test-ros quick`: without those for the night, a third of the others
+_QUICK = bool(os.environ.get("AMAZE_QUICK"))
+"""`./run test-ros quick`: without those for the night; within `./run test` a third of the others."""
 _starting = threading.Semaphore(2)
 
 

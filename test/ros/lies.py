@@ -408,6 +408,8 @@ def vehicle_whose_ground_is_no_longer_told_is_not_disarmed_in_the_air(stack: Sta
         wait_for(lambda: LAND in vehicle.modes, "the landing mode", LIMIT_S)
         wait_for(lambda: not vehicle.craft.armed, "the landing", LIMIT_S)  # PX4 disarms by itself
         assert DISARM not in vehicle.commands, "it was disarmed on a ground that it had told before"
+        told = {each.landed for each in stack.events(AutopilotStatus)}
+        assert told <= {VehicleLanded.ON_GROUND, VehicleLanded.UNKNOWN}, "it told that it had left the ground: again"
         vehicle.unsaid.clear()
         down(stack, vehicle)
 

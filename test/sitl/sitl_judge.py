@@ -102,7 +102,7 @@ def _growth(text: str) -> Optional[float]:
             row = json.loads(line)
             if began is None and row["after"] == "MISSION":
                 began = (size, row["t_ns"])
-            elif began is not None and row["after"] != "MISSION":
+            elif began is not None and row["after"] != "MISSION" and row["t_ns"] > began[1]:
                 return (size - began[0]) / (row["t_ns"] - began[1]) * 3600 * 1000
         size += len(line.encode())
     return None
