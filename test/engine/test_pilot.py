@@ -241,6 +241,12 @@ def test_a_failsafe_that_holds_by_itself_has_control():
     assert (story.place[0], story.motions) == ("PILOT", [])
 
 
+def test_a_failsafes_flag_in_our_hold_hands_the_vehicle_to_nobody():
+    """ArduCopter says CRITICAL of a battery while it holds for us: what fails then is answered."""
+    story = at("HOLD holding").say(failsafe=True, mode="AUTO.LOITER").after(1.0).expect("HOLD", "holding")
+    story.fail("imu", 16).expect("LAND")
+
+
 def test_a_landing_that_only_seemed_over_goes_on():
     """Landing is sticky: one status said down, the landing detection did not, the next says airborne again."""
     story = at("LAND commanding")

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from amaze_autonomy.engine.commands import AutopilotDisarm, Decision
+from amaze_autonomy.engine.commands import AutopilotDisarm, Decision, MissionAction
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import AutopilotStatus, EngineStarted, Tick, VehicleLanded
 from amaze_autonomy.engine.rules import Rules
@@ -101,3 +101,18 @@ def test_a_status_that_the_engine_does_not_take_agrees_with_none_before_it(age_n
     seen = Witness(now=said.t_ns, vehicle=said, vehicle_ns=said.t_ns, ground_ns=said.t_ns)
     broken = [law.name for law, why in check(observed(seen, held, later, (), held, RULES)) if why]
     assert ("a_hold_ends_on_the_ground" in broken) is agrees
+
+
+@pytest.mark.parametrize("motion, taken", [(MissionAction.HOLD, False), (MissionAction.TAKEOFF, True)])
+def test_a_failsafes_flag_in_a_hold_of_ours_is_no_takeover_and_a_hold_of_its_own_is_one(motion, taken):
+    """ArduCopter says CRITICAL of a low battery while it holds for us: our own hold is not its failsafe's."""
+    said = AutopilotStatus(
+        t_ns=9 * S, armed=True, landed=VehicleLanded.IN_AIR, mode="AUTO.LOITER", failsafe=True, link_age_s=0.0
+    )
+    held = replace(EngineState(), t_ns=said.t_ns, state=State.HOLD, flight=replace(Flight(), active=True))
+    seen = Witness(now=8 * S, motion=motion, motion_ns=7 * S, answered=True, flight="armed", airborne=True)
+    broken = []
+    for event in (said, replace(said, t_ns=said.t_ns + RULES.limits.pilot_confirm_ns)):
+        moment = observed(seen, held, event, (), held, RULES)
+        broken, seen = [law.name for law, why in check(moment) if why], moment.seen
+    assert ("the_pilot_has_control" in broken) is taken

@@ -473,7 +473,8 @@ def witness_of(s: EngineState, rules: Rules) -> Witness:
     beat = s.peers.heartbeat_ns
     motion = s.flight.commanded[-1] if s.flight.commanded else None
     mode = s.peers.autopilot.mode if s.peers.autopilot is not None else ""
-    foreign = s.vehicle.takeover is not None and mode not in OURS.get(motion, ())  # another mode had answered it
+    asked = {each for action in s.flight.commanded for each in OURS[action]}
+    foreign = s.vehicle.takeover is not None and mode not in asked  # another mode had answered it
     return Witness(
         now=s.t_ns,
         vehicle=s.peers.autopilot,

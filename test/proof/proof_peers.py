@@ -144,6 +144,7 @@ SCENES: Dict[str, Dict[str, Any]] = {
     "failsafe": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.RTL", "height_m": 2.0, "failsafe": True},
     "failsafe_landing": {"armed": True, "landed": _L.LANDING, "mode": "AUTO.LAND", "height_m": 1.0, "failsafe": True},
     "flagged": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0, "failsafe": True},
+    "flagged_hold": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.LOITER", "height_m": 2.0, "failsafe": True},
     "foreign": {"armed": True, "landed": _L.IN_AIR, "mode": "POSCTL", "height_m": 2.0},
     "unknown": {"armed": None, "landed": _L.UNKNOWN, "mode": "", "height_m": None, "position_x_m": None},
     "armed?": {"armed": None, "landed": _L.ON_GROUND, "mode": "AUTO.LAND"},

@@ -472,7 +472,7 @@ _ALL: Tuple[World, ...] = (
         words="in flight, two facts in one event: pilot and loss, several failures, a user in the moment of a limit",
         seeds=(SEEDS["flying"], script(f"{_FLYING} component:lrf:8:trying vehicle:loitering planner:HOLDING beat")),
         scenes=_FLIES,
-        anytime=("pilot_critical", "failsafe_lost", "high_critical", "flagged"),
+        anytime=("pilot_critical", "failsafe_lost", "high_critical", "flagged", "flagged_hold"),
         planner=("HOLDING",),
         at_once=(("imu=16", "lrf=8"), ("barometer=4", "lrf=8"), ("gps=4", "imu=4"), ("lrf=16", "stranger=8")),
         codes={"lrf": ((8, "given_up"),)},

@@ -321,7 +321,8 @@ def _count_taken(
 ) -> None:
     """Count the statuses in a row by which somebody else has control."""
     says = event.pilot_in_control or changes["foreign"] or (witness.taken > 0 and event.mode in NEVER_OURS)
-    may_hold = not witness.answered and witness.motion in _AFTER_A_HOLD  # what was commanded then does not show yet
+    unshown = not witness.answered and witness.motion in _AFTER_A_HOLD  # the hold of before still shows
+    may_hold = unshown or witness.motion is MissionAction.HOLD
     soon = witness.motion is not None and now - witness.motion_ns <= limits.arm_limit_ns
     late = witness.flight == "none" and not witness.airborne and soon and event.armed is True
     changes["armed_late"] = witness.armed_late + 1 if late else 0
