@@ -5,6 +5,7 @@ And the other way round: a flag alone is no reason to leave a vehicle in our mod
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from random import Random
 from types import SimpleNamespace
@@ -1637,3 +1638,78 @@ def test_what_the_node_says_at_its_end_is_no_waypoint_that_was_not_reached():
     found = flying("line")
     found.until(lambda: found.status.waypoint == 3)
     assert leave(found) == [(P.LANDING, 2, "the planner ends: it lands")]
+
+
+# --- after our flight, and before it ----------------------------------------------------------------------------------
+
+
+@EACH
+@BOTH
+@pytest.mark.parametrize("landed_by_command", [True, False])
+def test_who_takes_off_with_a_ground_station_after_our_flight_is_never_landed(kind, mission, landed_by_command):
+    """Where the link was cut meanwhile nobody has heard it armed on the ground; but our flight was over for long."""
+    flown = Recorded(kind=kind)
+    flown.take_off(mission)
+    flown.until_phase(P.FLYING)
+    if landed_by_command:
+        flown.run(S)
+        assert flown.command(A.LAND) == ""
+    flown.until_phase(P.LANDED)
+    flown.run(LIMITS.confirm_limit_ns + S)
+    flown.cut()
+    craft = flown.craft
+    craft.command_mode("OFFBOARD" if kind is ARDUPILOT else LOITER)
+    assert craft.arm() == ""
+    craft.climb_to(10.0)
+    flown.run(15 * S)
+    joined_ns, sent = flown.t_ns, []
+    send = flown.channel.ours
+    flown.channel.ours = lambda messages: sent.extend(messages) or send(messages)
+    flown.join()
+    flown.run(10 * S)
+    setpoints = [each for each in sent if each.get_type().startswith("SET_POSITION")]
+    assert (flown.since(joined_ns), setpoints, flown.phase) == ([], [], P.LANDED)
+    assert craft.height_m > 2.0
+
+
+def test_a_mission_that_is_replaced_while_ours_is_read_before_the_takeoff_is_not_flown():
+    """A ground station uploads beside ours and activates it at once; what was read of it by then was ours."""
+    way = Trajectory("long.csv", tuple(Waypoint(i % 2 * 6.0, i * 0.2, 2.0, 0.0, 0.0) for i in range(30)))
+    flown = Recorded(fate=lambda: (40 * MS,), plans=(plan("long", (way,), Controller.MISSION),))
+    flown.load("long")
+    flown.run(3 * S)
+    assert flown.command(A.TAKEOFF) == ""
+    flown.until(lambda: flown.planner._verification and len(flown.planner._verification._read) == 4)
+    items = tuple(replace(each, z=25.0) if number == 2 else each for number, each in enumerate(flown.craft.items))
+    flown.vehicle.px4.missions._stores[0] = items
+    flown.craft.load_items(items, 0)
+    flown.until_phase(P.FAILED)
+    assert "the mission did not read back as it was sent" in flown.status.message
+    flown.run(5 * S)
+    assert (flown.craft.height_m, flown.craft.armed) == (0.0, False)
+
+
+def test_a_mission_that_only_gets_another_number_while_it_is_read_is_read_again_and_flown():
+    flown = Recorded()
+    flown.load("line")
+    flown.run(3 * S)
+    assert flown.command(A.TAKEOFF) == ""
+    flown.until(lambda: flown.planner._verification and len(flown.planner._verification._read) == 1)
+    flown.craft.load_items(flown.craft.items, 0)
+    flown.until_phase(P.LANDED)
+    assert flown.status.waypoint == 3
+
+
+def test_a_failsafe_that_holds_the_vehicle_as_it_arms_is_not_flown_over():
+    """The engine takes its hold for the failsafe's and commands nothing more: nobody would supervise that flight."""
+    flown = Recorded()
+    flown.load("line")
+    assert flown.command(A.TAKEOFF) == ""
+    flown.until(lambda: flown.craft.armed)
+    armed_ns = flown.t_ns
+    flown.craft.enter_failsafe(LOITER)
+    flown.run(10 * S)
+    assert flown.craft.height_m == 0.0
+    assert MISSION not in flown.since(armed_ns)
+    assert not flown.craft.armed
+    assert "failsafe" in flown.status.message

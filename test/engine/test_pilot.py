@@ -247,6 +247,26 @@ def test_a_failsafes_flag_in_our_hold_hands_the_vehicle_to_nobody():
     story.fail("imu", 16).expect("LAND")
 
 
+def test_a_pilots_hold_in_the_climb_is_not_taken_for_ours_and_nothing_is_resumed_over_it():
+    """Once it climbs in its mission, AUTO.LOITER answers no takeoff of ours any more."""
+    story = at("MISSION_INPUT").select().until("TAKEOFF", "climbing")
+    story.vehicle.says["mode"] = "AUTO.MISSION"
+    story.after(0.5).expect("TAKEOFF", "climbing")
+    story.vehicle.says["mode"], story.vehicle.speed = "AUTO.LOITER", 0.0
+    story.planner.phase = ev.MissionPhase.HOLDING  # as our planner says of what it sees
+    story.look().until("PILOT", limit_s=0.6)
+    story.fail("barometer", 4).after(2.0).back("barometer").after(2.0).expect("PILOT")
+    assert story.motions == []
+
+
+def test_an_autopilot_that_loiters_between_its_takeoff_and_its_mission_is_ours():
+    story = at("MISSION_INPUT").select().until("TAKEOFF", "climbing")
+    for mode in ("AUTO.TAKEOFF", "AUTO.LOITER", "AUTO.MISSION"):
+        story.vehicle.says["mode"] = mode
+        story.after(0.4)
+        assert story.place[0] in ("TAKEOFF", "MISSION")
+
+
 def test_a_landing_that_only_seemed_over_goes_on():
     """Landing is sticky: one status said down, the landing detection did not, the next says airborne again."""
     story = at("LAND commanding")

@@ -426,7 +426,8 @@ def _command_shown(context: Context, event: AutopilotStatus) -> None:
     shown = event.mode if answers and event.mode in context.modes[state.flight.commanded[-1]] else ""
     if shown and state.flight.mode_shown:
         context.put("flight", confirmed=state.flight.commanded[-1], commanded=state.flight.commanded[-1:])
-    flies = state.state is State.MISSION and context.airborne()  # on the ground it may be the mode of before
+    rises = state.state in (State.TAKEOFF, State.MISSION)
+    flies = rises and context.airborne()  # on the ground it may be the mode of before
     if flies and shown == state.flight.mode_shown and is_further(shown, state.flight.mode_flown):
         context.put("flight", mode_flown=shown)
         if is_further(shown, state.flight.flown_by) and shown in (SET_POINT_MODE, MISSION_MODE):

@@ -242,7 +242,8 @@ def _autopilot(
     spins = link_good and event.armed is True and event.landed is ev.VehicleLanded.ON_GROUND
     changes["spinning_ns"] = (now if gap or witness.spinning_ns is None else witness.spinning_ns) if spins else None
     again = previous is not None and previous.mode == event.mode and link_good and event.landed in _FLIES
-    if again and state.state is State.MISSION and event.armed is not False and witness.flown != "AUTO.MISSION":
+    rises = state.state in (State.TAKEOFF, State.MISSION)
+    if again and rises and event.armed is not False and witness.flown != "AUTO.MISSION":
         _flown(witness, event.mode, changes, state)  # what two statuses in a row have said
     _count_taken(witness, event, now, changes, state, limits)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):

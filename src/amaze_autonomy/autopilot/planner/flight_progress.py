@@ -44,7 +44,8 @@ class FlightRecord:
         self.held: Optional[HeldMission] = None  # where it is held, and has no such id
         self.landing = ""  # why it was landed, where it was
         self._resumed_item = 0  # from which the mission goes on that was held
-        self._another = False  # the vehicle was armed on the ground again: what flies next is somebody else's
+        self._another = False  # armed on the ground again, or long down: what flies next is somebody else's
+        self._down_ns: Optional[int] = None  # since when messages agree that it is down, and it was heard
         self.reached = self._others = self._fallen_back = 0
         self._highest = 0
         self._ground_ns: Optional[int] = None
@@ -126,6 +127,11 @@ class FlightRecord:
     def agreed_steered_by_others(self) -> str:
         """The same, once messages agree on that mode: until then nothing is sent, and nothing is refused or ended."""
         return self.steered_by_others if self._watch.keeps_mode else ""
+
+    def stays_down(self, t_ns: int, limit_ns: int, *, down: bool) -> None:
+        """Take whether messages agree that it is down: once it has stood for long, its flight is over for good."""
+        self._down_ns = None if not down else t_ns if self._down_ns is None else self._down_ns
+        self._another = self._another or (self._down_ns is not None and t_ns - self._down_ns >= limit_ns)
 
     def goes_on(self) -> bool:
         """Return whether a flight that was over goes on: it is armed in the air, where nobody arms a vehicle."""

@@ -439,6 +439,8 @@ class Procedure:
     def _ends_a_failsafe(self) -> bool:
         """Return whether a failsafe holds, or may hold, that any mode of this command would end."""
         control = self._means.watch.control
+        if self.action is MissionAction.TAKEOFF:  # armed in a hold, which the engine takes for a failsafe's then
+            return self._means.watch.mode == HOLD and control.failsafe
         if self.action is MissionAction.RESUME:
             return control.may_wait
         return self.action is MissionAction.HOLD and control.acts_unasked

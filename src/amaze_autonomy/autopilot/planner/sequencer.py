@@ -96,6 +96,7 @@ class Sequencer:
         self._setpoint_ns = 0
         self._rates, self._asked_since = Rates(settings.streams_hz), (0, 0)
         self._verification: Optional[MissionUpload] = None
+        self._verified_id = 0  # by which the vehicle called its mission when that reading began
         self._landing = ""  # why it is landed, whatever else is asked for
         self._unasked = OwnLanding(self.watch, self._spec.vehicle_age_limit_ns)
         self._commanded_ns = -_LATE_NS  # when something else than a landing was sent last
@@ -347,7 +348,7 @@ class Sequencer:
         self._means.resume_item = self._means.stream_ns = None
         self._means.lifted = self._means.verified = False
         self._means.commanded.clear()
-        self._verification = self._loading.verification(t_ns) if self._loading else None
+        self._begin_verification(t_ns)
         pose, origin, loading = self._pose(t_ns), self._origin, self._loading
         if self._controller is Controller.OFFBOARD and pose and origin and origin.local and loading:
             self._flight.guidance = Guidance(
@@ -425,10 +426,10 @@ class Sequencer:
     def _follow(self, t_ns: int) -> None:
         """Read the phase from the vehicle."""
         watch, flight = self.watch, self._flight
+        if self._phase is _P.LANDED:
+            self._follow_landed(t_ns)
         if not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return
-        if self._phase is _P.LANDED and flight.goes_on():
-            self._go_on(t_ns)
         if self._landing and self._phase not in IN_FLIGHT:
             flight.look()
         if self._phase not in (*IN_FLIGHT, _P.FAILED):
@@ -445,6 +446,13 @@ class Sequencer:
                 self._end()
         elif watch.armed and watch.tells_mode(t_ns, self._spec.vehicle_age_limit_ns):
             self._follow_armed(t_ns)
+
+    def _follow_landed(self, t_ns: int) -> None:
+        """Look whether the flight that was over goes on, as long as it may."""
+        flight = self._flight
+        flight.stays_down(t_ns, self._settings.limits.confirm_limit_ns, down=self._is_down(t_ns))
+        if self.watch.known(t_ns, self._spec.vehicle_age_limit_ns) and flight.goes_on():
+            self._go_on(t_ns)
 
     def _go_on(self, t_ns: int) -> None:
         """Take back that the flight is over; what was commanded last is so still: it lands, or flies on."""
@@ -529,14 +537,14 @@ class Sequencer:
         lands = procedure.action in _LANDINGS
         if not lands and t_ns < self._attention.awake_ns and self.watch.unknown(t_ns, age_limit_ns):
             return []  # not silent: not read yet
-        self._verify()
+        read_again = self._verify(t_ns)
         self._give_up_late_takeoff(procedure)
         flight = self._flight
         if not lands and flight.agreed_steered_by_others and not self.watch.control.unexplained:
             procedure.fail(flight.agreed_steered_by_others)
         commands = self._knows_the_vehicle and not flight.steered_by_others
         sends = self._attention.lands(t_ns, self.watch.mode_ns) if lands else commands
-        sent = procedure.wake(t_ns, sends=sends)
+        sent = [*read_again, *procedure.wake(t_ns, sends=sends)]
         self._note(t_ns, procedure, sent)
         if procedure.action is _A.TAKEOFF and procedure.progress is Progress.FAILED:
             sent += self._cancel(t_ns, procedure.reason)
@@ -557,16 +565,24 @@ class Sequencer:
         if procedure.action is _A.RESUME and procedure.changes_mode:
             self._flight.leave_the_hold(t_ns)
 
-    def _verify(self) -> None:
-        """Look whether the mission on the vehicle is still the one that was sent."""
+    def _begin_verification(self, t_ns: int) -> None:
+        self._verified_id = self.watch.mission_id
+        self._verification = self._loading.verification(t_ns) if self._loading else None
+
+    def _verify(self, t_ns: int) -> Sequence[Message]:
+        """Look whether the mission on the vehicle is still the one that was sent; return what is sent for that."""
         reading = self._verification
         read = reading is not None and reading.phase is UploadPhase.DONE
+        if read and self.watch.mission_id != self._verified_id and self._controller is Controller.MISSION:
+            self._begin_verification(t_ns)  # another one came meanwhile: what was read may have been the one before
+            return self._verification.start(t_ns) if self._verification is not None else ()
         if self._controller is Controller.OFFBOARD or read:
             self._means.verified, self._verification = True, None
             self._flight.mission_id = self.watch.mission_id if read else self._flight.mission_id
         elif reading is not None and reading.over and self._procedure is not None:
             self._procedure.fail(f"the mission did not read back as it was sent: {reading.reason}")
             self._verification = None
+        return ()
 
     def _give_up_late_takeoff(self, takeoff: Procedure) -> None:
         """Give a takeoff up, on the ground, in which this process stood still so long that the engine has landed."""
