@@ -82,6 +82,21 @@ def test_info_of_a_bag_that_was_not_closed_is_that_of_its_chunks(capsys, tmp_pat
     assert "  was not closed, so it has no index: this is what is in its chunks\n" in run(capsys, "info", active)[1]
 
 
+def test_info_counts_messages_whose_connection_is_described_nowhere(capsys, tmp_path):
+    """One wrong byte in a compressed chunk: what it describes cannot be read, and its index names it all the same."""
+    source = bag(tmp_path / "1.bag", rows("/a", 200), rows("/b", 50, 31), compression="lz4")
+    active = unclosed(source, tmp_path / "1.bag.active")
+    with Index(source) as index:
+        place = index.head(0).data + 40
+    raw = bytearray(active.read_bytes())
+    raw[place] ^= 1
+    active.write_bytes(raw)
+    status, out, err = run(capsys, "info", active, "--json")
+    found = json.loads(out)[0]
+    assert (status in {0, 3}, err, found["closed"]) == (True, "", False)
+    assert sum(topic["messages"] for topic in found["topics"]) <= found["messages"]
+
+
 def test_info_of_a_bag_with_a_damaged_index_is_that_of_its_chunks_and_ends_with_damage(capsys, tmp_path):
     source = bag(tmp_path / "1.bag", rows("/a", 200))
     source.write_bytes(source.read_bytes()[:-100])

@@ -499,3 +499,26 @@ def test_what_replaces_a_file_that_others_may_read_is_for_user_and_group(tmp_pat
         "s1_m.bag": "0640", "s1_m.manifest.json": "0640", "main/parts.json": "0640",
     }  # fmt: skip
     assert [name for name in found if name.endswith(".part")] == []
+
+
+def test_a_recording_whose_manifest_somebody_removed_is_not_written_over_by_less(tmp_path):
+    """Its parts were removed after it was verified (`keep_parts: false`), and the session goes on."""
+    session = two_platforms(tmp_path, 100)
+    first = collect(plan(session))
+    before = digest(first.location)
+    for each in session.glob("*/*.bag"):
+        each.unlink()
+    (session / "s1_m.manifest.json").unlink()
+    part(session / "main", ("states-02.bag", [rows("/a", 10, 10, 5000)]))
+    part(session / "second", ("realsense-02.bag", [rows("/c", 10, 10, 5000)]), platform="second")
+    second = collect(plan(session))
+    assert (second.beside, digest(first.location)) == (("s1_m.bag",), before)
+    assert second.location != first.location
+
+
+def test_a_recording_that_was_not_finished_is_made_again_in_its_place(tmp_path):
+    session = two_platforms(tmp_path)
+    first = collect(plan(session))
+    (session / "s1_m.manifest.json").unlink()
+    again = collect(plan(session))
+    assert (again.location, again.beside, again.messages) == (first.location, (), first.messages)

@@ -222,3 +222,14 @@ def test_expressions_are_compared_as_they_are_written():
     assert not_there(wanted, configured([], ["/lrf/.*", "/cam/.*"])) == [], "it excludes nothing"
     assert not_there(wanted, configured([], [".*"])) == [], "it records all"
     assert not_there(wanted, configured([], ["/lrf/.*", "/cam/.*"], ".*")) == [Loss(each) for each in lost]
+
+
+def test_an_open_file_before_the_last_one_has_its_loss_told():
+    """What the end of a group lacks is told as its end: of the last file alone."""
+    files = [
+        {"file": "g-01.bag", "recovered_from": "g-01.bag.active", "lost": None, "lost_inside": 0},
+        {"file": "g-02.bag", "recovered_from": "g-02.bag.active", "lost": None, "lost_inside": 0},
+    ]
+    content = {"files": files, "gaps": [], "open_ends": {"g": START_NS}}
+    end = "g: up to 0.1 s at the end (its last file was not closed)"
+    assert losses(content, START_NS + S // 10) == ["g-01.bag: an unknown number of messages", end]

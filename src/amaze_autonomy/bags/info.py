@@ -102,14 +102,14 @@ def _topics(connections: Mapping[int, Any], t_ns: Any, connection: Any) -> Itera
     publishers = Counter((each.topic, each.kind) for each in connections.values())
     names = sorted(publishers)
     places = {name: place for place, name in enumerate(names)}
-    place_of: Any = np.full(max(connections, default=0) + 1, -1, np.int64)
-    for number, each in connections.items():
-        place_of[number] = places[each.topic, each.kind]
-    topic = place_of[connection]
+    numbers = np.array(sorted(connections), np.int64)
+    place_of = np.array([places[connections[each].topic, connections[each].kind] for each in numbers] or [-1], np.int64)
+    found: Any = np.searchsorted(numbers, connection)
+    described = np.isin(connection, numbers)  # of a damaged bag some may be described nowhere
+    topic = np.where(described, place_of[np.where(described, found, 0)], -1)
     order = np.lexsort((t_ns, topic))
     times = t_ns[order]
-    found: Any = np.searchsorted(topic[order], np.arange(len(names) + 1))
-    bounds: List[int] = found.tolist()
+    bounds: List[int] = np.searchsorted(topic[order], np.arange(len(names) + 1)).tolist()
     whole = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (0, 0)
     for name, first, last in zip(names, bounds, bounds[1:]):
         rhythm = _rhythm(times[first:last], whole)

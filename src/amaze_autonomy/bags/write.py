@@ -119,6 +119,17 @@ _RANGE = 1 << 30
 _UNABLE = (errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM)  # said by systems that cannot copy
 
 
+def refuse_input(path: Path, output: Path, wrong: str) -> None:
+    """Refuse an output that would take the place of an input, or whose temporary name is the input's.
+
+    Raises:
+        BagError: It would.
+    """
+    for name in (output, temporary_name(output)):
+        if name.exists() and name.samefile(path):
+            raise BagError(str(name), wrong, "choose another name for the output")
+
+
 class Output:
     """A bag being written, chunk by chunk. Left by an exception, nothing remains of it.
 

@@ -15,7 +15,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Counter, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import UNDECODABLE
@@ -174,10 +174,11 @@ def _output(path: Path, inputs: Sequence[Path]) -> Tuple[Path, Tuple[str, ...]]:
 def _can_be_made_again(output: Path, inputs: Sequence[Path]) -> bool:
     """Return whether all parts of a recording are here, and among some bags, themselves or what was recovered of them.
 
-    One without a manifest was not finished, so they are; of one that was not verified they need not be among them.
+    Of one that was not verified they need not be among them. One without a manifest was not finished, or somebody has
+    lost it: then they have to have all of its messages.
     """
     if not manifest_path(output).exists():
-        return True
+        return _has_no_more(output, inputs)
     try:
         manifest = read_manifest(manifest_path(output))
         there = [(output.parent / str(each["file"]), each["bytes"]) for each in manifest["inputs"]]
@@ -186,6 +187,27 @@ def _can_be_made_again(output: Path, inputs: Sequence[Path]) -> bool:
         return False
     here = all(path.is_file() and path.stat().st_size == size for path, size in there)
     return here and not (verified and {_recording(path) for path, _ in there} - set(map(_recording, inputs)))
+
+
+def _has_no_more(output: Path, inputs: Sequence[Path]) -> bool:
+    """Return whether a bag has, of no topic, more messages than some bags together."""
+    try:
+        rest = _counts(output)
+        for path in inputs:
+            rest.subtract(_counts(path))
+    except BagError:
+        return False
+    return all(count <= 0 for count in rest.values())
+
+
+def _counts(bag: Path) -> Counter[str]:
+    """Return how many messages of each topic the index of a bag names."""
+    counts: Counter[str] = Counter()
+    with Index(bag) as index:
+        for chunk in index.chunks:
+            for connection, count in chunk.counts:
+                counts[index.connections[connection].topic] += count
+    return counts
 
 
 def _recording(bag: Path) -> Tuple[str, str]:

@@ -388,13 +388,15 @@ def _of_files(content: Mapping[str, Any], gaps: Sequence[Mapping[str, Any]], wan
     """
     after = {(str(gap["group"]), int(gap["file"]) - 1): gap for gap in gaps if not gap.get("inside")}
     found: List[Loss] = []
+    last = _last_numbers(content)
     for entry in content["files"]:
         lost, inside = entry.get("lost", 0), entry.get("lost_inside", 0)
         file = written(str(entry.get("recovered_from", "")))
         left_open = file is not None and not file.closed
         group, number = (file.group, file.number) if file is not None else ("", 0)
         gap = after.get((group, number)) if left_open else None
-        last_ns = content.get("open_ends", {}).get(group) if left_open else None
+        at_end = left_open and number == last.get(group)  # what one before it lacks is no end of the group
+        last_ns = content.get("open_ends", {}).get(group) if at_end else None
         changed = ", it has changed since it was listed" if entry.get("changed") else ""
         changed += f", {entry['undo_damaged']} is damaged" if entry.get("undo_damaged") else ""
         if lost == 0:
@@ -414,6 +416,16 @@ def _of_files(content: Mapping[str, Any], gaps: Sequence[Mapping[str, Any]], wan
         found.append(Loss(f"{entry['file']}: {what}{changed}", counts))
     gone = content.get("gone", ())
     return found + [Loss(f"{name}: all of it, it was listed and is not there any more") for name in gone]
+
+
+def _last_numbers(content: Mapping[str, Any]) -> Dict[str, int]:
+    """Return the number of the last file of each group."""
+    last: Dict[str, int] = {}
+    for entry in content["files"]:
+        file = written(str(entry.get("recovered_from") or entry["file"]))
+        if file is not None:
+            last[file.group] = max(file.number, last.get(file.group, 0))
+    return last
 
 
 def _is_end_told(last_ns: Optional[int], wanted: Wanted) -> bool:

@@ -397,6 +397,10 @@ def test_an_existing_output_and_an_input_as_output_are_refused(tmp_path):
     os.link(source, tmp_path / "link.bag")
     with pytest.raises(BagError, match=r"link\.bag: is one of the inputs"):
         merge([source], tmp_path / "link.bag", MergeOptions(replace=True))
+    left = source.rename(tmp_path / ".new.bag.part")
+    with pytest.raises(BagError, match=r"\.new\.bag\.part: is one of the inputs"):
+        merge([left], tmp_path / "new.bag")
+    assert digest(left.rename(source)) == digest(tmp_path / "link.bag")
     assert digest(other) == before
     assert left_over(tmp_path) == []
 

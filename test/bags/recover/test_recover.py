@@ -336,6 +336,14 @@ def test_the_original_is_refused_as_output(tmp_path):
         recover(source, source, replace=True)
 
 
+def test_what_a_power_cut_left_under_the_temporary_name_of_the_output_is_refused(tmp_path):
+    left = recording(tmp_path / "flight.bag").rename(tmp_path / ".flight.bag.part")
+    before = digest(left)
+    with pytest.raises(BagError, match=r"\.flight\.bag\.part: is the bag to be recovered.*another name for the output"):
+        recover(left, tmp_path / "flight.bag")
+    assert digest(left) == before
+
+
 def test_names_of_what_is_recovered(tmp_path):
     names = ["x.bag.active", "x.bag", "x"]
     assert [recovered_name(tmp_path / name).name for name in names] == ["x.bag", "x.recovered.bag", "x.recovered.bag"]

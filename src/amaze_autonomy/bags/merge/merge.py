@@ -24,7 +24,7 @@ from ..errors import BagError
 from ..format import MEMORY, UNDECODABLE, UNREADABLE, Connection, Identity
 from ..index import ChunkHead, ChunkInfo, Index
 from ..read import GROUP_BYTES, Block, Loader, Pool
-from ..write import Output
+from ..write import Output, refuse_input
 from .manifest import Tally
 from .writer import Writing
 
@@ -419,8 +419,7 @@ def _used(index: Index, selection: Selection) -> Unified:
 
 def _check(indexes: Sequence[Index], offsets: Sequence[int], output: Path) -> None:
     for index, offset in zip(indexes, offsets):
-        if output.exists() and output.samefile(index.path):
-            raise BagError(str(output), "is one of the inputs", "choose another name")
+        refuse_input(index.path, output, "is one of the inputs")
         times = [time + offset for chunk in index.chunks for time in (chunk.start_ns, chunk.end_ns) if chunk.counts]
         if times and not 0 <= min(times) <= max(times) < _LATEST_NS:
             raise BagError(

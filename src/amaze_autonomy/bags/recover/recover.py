@@ -25,7 +25,7 @@ from amaze_autonomy.files import sync_folder, write_whole
 from ..errors import BagError, RecordError
 from ..format import FIRST_RECORD, MEMORY, bag_header, chunk_header, chunk_info, decompressed, record_at
 from ..index import Index, chunk_head
-from ..write import Output, index_of
+from ..write import Output, index_of, refuse_input
 from .salvage import rewritten, salvaged
 from .scan import Found, Scan, scan
 
@@ -79,8 +79,7 @@ def recover(
     Raises:
         BagError: It is no bag, or the output cannot be written.
     """
-    if output.exists() and output.samefile(path):
-        raise BagError(str(output), "is the bag to be recovered, which is never changed", "choose another name")
+    refuse_input(path, output, "is the bag to be recovered, which is never changed")
     if is_interrupted(path):
         raise BagError(str(path), "is half changed by a recovery in place", "finish that with --in-place, or --undo it")
     found = scan(path, check_data=check_data, memory=memory, progress=progress)
