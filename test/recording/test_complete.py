@@ -522,3 +522,14 @@ def test_a_recording_that_was_not_finished_is_made_again_in_its_place(tmp_path):
     (session / "s1_m.manifest.json").unlink()
     again = collect(plan(session))
     assert (again.location, again.beside, again.messages) == (first.location, (), first.messages)
+
+
+def test_a_wrong_count_in_a_bags_own_index_makes_complete_data_no_less(tmp_path):
+    session = two_platforms(tmp_path, 100)
+    recorded = session / "main" / "states-01.bag"
+    raw = bytearray(recorded.read_bytes())
+    raw[-4] ^= 0x40
+    recorded.write_bytes(raw)
+    close_parts(session / "main", FACTS)
+    made = collect(plan(session))
+    assert (made.messages, made.lost_in_flight) == (300, ())

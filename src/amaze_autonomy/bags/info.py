@@ -109,7 +109,8 @@ def _topics(connections: Mapping[int, Any], t_ns: Any, connection: Any) -> Itera
     topic = np.where(described, place_of[np.where(described, found, 0)], -1)
     order = np.lexsort((t_ns, topic))
     times = t_ns[order]
-    bounds: List[int] = np.searchsorted(topic[order], np.arange(len(names) + 1)).tolist()
+    begins: Any = np.searchsorted(topic[order], np.arange(len(names) + 1))
+    bounds: List[int] = begins.tolist()
     whole = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (0, 0)
     for name, first, last in zip(names, bounds, bounds[1:]):
         rhythm = _rhythm(times[first:last], whole)

@@ -336,6 +336,31 @@ def test_the_original_is_refused_as_output(tmp_path):
         recover(source, source, replace=True)
 
 
+@pytest.mark.parametrize("bit", range(0, 8, 2))
+def test_a_wrong_count_in_an_index_record_is_told_and_made_anew(tmp_path, bit):
+    """Its length is right, so nothing is lost; but no other reader opens such a bag."""
+    source = recording(tmp_path / "x.bag")
+    with Index(source) as index:
+        head = index.head(1)
+    raw = bytearray(source.read_bytes())
+    raw[raw.index(b"count=", head.data + head.stored) + 6] ^= 1 << bit
+    source.write_bytes(raw)
+    done = recovered(tmp_path, source)
+    assert [(each.what.partition(" counts ")[0], each.lost) for each in done.scan.damages] == [("an index record", 0)]
+    assert (done.scan.messages, verify(done.path, [], readers="all").problems) == (85, ())
+
+
+@pytest.mark.parametrize("bit", [0, 6])
+def test_a_wrong_count_in_the_bags_own_index_is_no_loss_where_the_chunk_and_its_index_agree(tmp_path, bit):
+    source = recording(tmp_path / "x.bag")
+    raw = bytearray(source.read_bytes())
+    raw[-4] ^= 1 << bit
+    source.write_bytes(raw)
+    done = recovered(tmp_path, source)
+    assert (done.scan.messages, done.scan.lost) == (85, 0)
+    assert "the bag's index counts other messages in a chunk than it has" in [each.what for each in done.scan.damages]
+
+
 def test_what_a_power_cut_left_under_the_temporary_name_of_the_output_is_refused(tmp_path):
     left = recording(tmp_path / "flight.bag").rename(tmp_path / ".flight.bag.part")
     before = digest(left)

@@ -243,6 +243,7 @@ class _Scanner:
         self._before: FrozenSet[Tuple[int, int]] = frozenset()  # times and connections of the last damaged chunk
         self._visited: Set[int] = set()  # positions of chunks
         self._told: Dict[int, Dict[int, int]] = {}  # messages by connection, by position of the chunk: the bag's index
+        self._agreed: Dict[int, int] = {}  # messages of a chunk whose data and index agree, and the bag's does not
         self._told_late: Dict[int, int] = {}  # messages by position, of an index that is not where the header says
         self._index_at = self._said_at = self._chunk_count = 0
         self._first = self._opened(path)
@@ -390,7 +391,8 @@ class _Scanner:
     def _balanced(self) -> List[Damage]:
         """Return damages with what the bag's index counted there: what it counts in all is kept, or is lost."""
         damages = [self._counted(each) for each in self._damages]
-        told = sum(sum(counts.values()) for counts in self._told.values()) + sum(self._told_late.values())
+        told = sum(self._agreed.get(place, sum(counts.values())) for place, counts in self._told.items())
+        told += sum(self._told_late.values())
         kept = sum(count for chunk in self._chunks for _, count in chunk.counts)
         missing = told - kept - sum(each.lost or 0 for each in damages if "described nowhere" not in each.what)
         unknown = [each for each in damages if each.lost is None]
@@ -470,7 +472,8 @@ class _Scanner:
                     size = self._index_size(record, told)
                 except _BROKEN:
                     break
-                foreign = foreign or size != record.size or tuple(record.fields) != INDEX_FIELDS
+                otherwise = size != record.size or size != INDEX_ENTRY * record.number(b"count")
+                foreign = foreign or otherwise or tuple(record.fields) != INDEX_FIELDS
             else:
                 number, data, size = found[0], reader.window_at + found[1], found[2]
                 if data + size > self._size:
@@ -515,6 +518,9 @@ class _Scanner:
         size = max(possible)[1]
         if size != record.size:
             self._damage(record.data - 4, record.data, f"an index record says {record.size} bytes and has {size}", 0)
+        elif size != INDEX_ENTRY * count:  # which no other reader takes
+            what = f"an index record counts {count} messages and has {size // INDEX_ENTRY}"
+            self._damage(record.data - 4, record.data, what, 0)
         return size
 
     def _keep_whole(self, position: int, end: int, entries: Entries, head: ChunkHead) -> None:
@@ -544,6 +550,7 @@ class _Scanner:
             self._keep_whole(position, end, entries, head)
             if dict(entries.counts()) != self._told.get(position, dict(entries.counts())):
                 self._damage(position, end, "the bag's index counts other messages in a chunk than it has", 0)
+                self._agreed[position] = entries.messages
             return
         anew = head if known else head._replace(size=-1)
         self._keep_salvaged(position, anew, entries, data, str(wrong), whole=True)
