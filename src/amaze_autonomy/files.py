@@ -133,14 +133,21 @@ def _sync_file(path: Path) -> None:
 
 
 def sha256_of(*paths: Path) -> str:
-    """Return the checksum of a file, or of several as if they were one."""
+    """Return the checksum of a file, or of several as if they were one.
+
+    Raises:
+        OSError: One cannot be read; it is named.
+    """
     from hashlib import sha256  # noqa: PLC0415  (slow to load, and seldom wanted)
 
     digest = sha256()
     for path in paths:
-        with path.open("rb") as file:
-            for piece in iter(lambda: file.read(_PIECE), b""):
-                digest.update(piece)
+        try:
+            with path.open("rb") as file:
+                for piece in iter(lambda: file.read(_PIECE), b""):
+                    digest.update(piece)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from error
     return digest.hexdigest()
 
 

@@ -11,7 +11,6 @@ the buffer one piece behind the other.
 
 from __future__ import annotations
 
-import os
 import struct
 from contextlib import suppress
 from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
@@ -21,6 +20,7 @@ import numpy as np
 from .arrays import Table, tabulated, words
 from .definitions import TEXT, Layout, Read, layout_of, reader_of
 from .errors import BagError, RecordError
+from .format import read_into
 from .index import Index, Messages, require, unusable
 from .read import BEGINNING, GROUP_BYTES, Loader, Pool
 
@@ -101,7 +101,7 @@ class PlainChunks:
         """Read pieces of the file into a buffer."""
         file, view = self._index.file, memoryview(buffer)
         for place, size, begin in zip(places.tolist(), sizes.tolist(), begins.tolist()):
-            if size and os.preadv(file, [view[place : place + size]], begin) != size:
+            if size and read_into(file, [view[place : place + size]], begin) != size:
                 raise BagError(str(self._index.path), "became shorter while it was read", "try again")
 
 

@@ -16,17 +16,18 @@ longer to load than many a command takes.
 from __future__ import annotations
 
 import bz2
+import os
 import re
 import struct
 from contextlib import suppress
 from functools import lru_cache
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple, Union
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import lz4.frame
 
 from amaze_autonomy.units import MB, SECOND
 
-from .errors import RecordError
+from .errors import BagError, RecordError
 
 # --- records ----------------------------------------------------------------------------------------------------------
 
@@ -476,6 +477,38 @@ def _text(value: bytes) -> str:
         return value.decode()
     except UnicodeDecodeError:
         return value.decode("utf-8", "backslashreplace").replace("\\x", "_x")
+
+
+# --- bytes of a file --------------------------------------------------------------------------------------------------
+
+
+def read_at(file: int, size: int, place: int) -> bytes:
+    """Return bytes of an open file, as os.pread does.
+
+    Raises:
+        BagError: Its storage does not give them.
+    """
+    try:
+        return os.pread(file, size, place)
+    except OSError as error:
+        raise _not_given(file, place, error) from error
+
+
+def read_into(file: int, buffers: Sequence[Any], place: int) -> int:
+    """Read bytes of an open file into buffers, as os.preadv does, and return how many.
+
+    Raises:
+        BagError: Its storage does not give them.
+    """
+    try:
+        return os.preadv(file, buffers, place)
+    except OSError as error:
+        raise _not_given(file, place, error) from error
+
+
+def _not_given(file: int, place: int, error: OSError) -> BagError:
+    path = os.readlink(f"/proc/self/fd/{file}")
+    return BagError(path, f"cannot be read at byte {place:,} ({error.strerror})", "copy the disk and try there")
 
 
 # --- the data of chunks -----------------------------------------------------------------------------------------------

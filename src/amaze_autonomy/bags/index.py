@@ -34,6 +34,7 @@ from .format import (
     connection_of,
     foreign,
     index_record_at,
+    read_at,
     record_at,
 )
 from .recover.salvage import Row, headers
@@ -197,13 +198,13 @@ class Index:
             raise NotClosedError(str(self.path), "was not closed, so it has no index", recovering(self.path))
         if not header.end <= self.position <= self.size:
             raise RecordError(f"it should be at byte {self.position} of {self.size}")
-        tail = os.pread(self.file, self._length(header), self.position)
+        tail = read_at(self.file, self._length(header), self.position)
         self.connections: Dict[int, Connection] = {}
         place = self._read_connections(tail, header.number(b"conn_count"))
         self.chunks, place = self._read_chunks(tail, place, header.number(b"chunk_count"))
         require(not _goes_on(tail, place), "it has more records than the header counts")
         first = self.chunks[0].position if self.chunks else self.position
-        begin = os.pread(self.file, min(first - header.end, _HEAD_BYTES), header.end) if first > header.end else b""
+        begin = read_at(self.file, min(first - header.end, _HEAD_BYTES), header.end) if first > header.end else b""
         require(not _is_chunk(begin, 0, len(begin)), f"it does not name the chunk at byte {header.end}")
         self._heads: Dict[int, ChunkHead] = {}
 
@@ -218,11 +219,11 @@ class Index:
         window, begin, place = b"", 0, 0  # places in the index
         for _ in range(header.number(b"conn_count") + header.number(b"chunk_count")):
             if place + _HEAD_BYTES > begin + len(window):
-                window, begin = os.pread(self.file, _PIECE, self.position + place), place
+                window, begin = read_at(self.file, _PIECE, self.position + place), place
             try:
                 record = record_at(window, place - begin, len(window))
             except RecordError:  # its header may be longer than any that we know
-                window, begin = os.pread(self.file, LARGEST_HEADER + 8, self.position + place), place
+                window, begin = read_at(self.file, LARGEST_HEADER + 8, self.position + place), place
                 record = record_at(window, 0, len(window))
             place = begin + record.end
             if record.op not in (CONNECTION, CHUNK_INFO) or place > length:
@@ -284,7 +285,7 @@ class Index:
         if number in self._heads:
             return self._heads[number]
         chunk = self.chunks[number]
-        begin = os.pread(self.file, _HEAD_BYTES, chunk.position)
+        begin = read_at(self.file, _HEAD_BYTES, chunk.position)
         try:
             head = chunk_head(record_at(begin, 0, len(begin)))
             head = head._replace(data=chunk.position + head.data)
@@ -343,7 +344,7 @@ class Index:
     def _entries(self, number: int) -> List[IndexPart]:
         chunk, head = self.chunks[number], self.head(number)
         begin = head.data + head.stored
-        raw = os.pread(self.file, chunk.end - begin, begin)
+        raw = read_at(self.file, chunk.end - begin, begin)
         try:
             return index_parts(raw, 0, len(raw), dict(chunk.counts))[0]
         except (RecordError, struct.error, ValueError) as error:
@@ -398,22 +399,22 @@ def has_lost_returns(file: int, size: int, place: int) -> bool:
         size: of it.
         place: of its first record.
     """
-    if any(b"\r\n" in os.pread(file, _PIECE + 1, at) for at in range(0, size, _PIECE)):
+    if any(b"\r\n" in read_at(file, _PIECE + 1, at) for at in range(0, size, _PIECE)):
         return False
     while place < size:
         try:
-            record = record_at(os.pread(file, _HEAD_BYTES, place), 0, min(_HEAD_BYTES, size - place))
+            record = record_at(read_at(file, _HEAD_BYTES, place), 0, min(_HEAD_BYTES, size - place))
         except RecordError:
             return False
         data, place = place + record.data, place + record.end
         if not _is_record(file, size, place):
-            return _is_shorter(os.pread(file, min(record.size, MEMORY) + _HEAD_BYTES, data), record.size)
+            return _is_shorter(read_at(file, min(record.size, MEMORY) + _HEAD_BYTES, data), record.size)
     return False
 
 
 def _is_record(file: int, size: int, place: int) -> bool:
     try:
-        return place == size or record_at(os.pread(file, _HEAD_BYTES, place), 0, min(_HEAD_BYTES, size - place)).op > 0
+        return place == size or record_at(read_at(file, _HEAD_BYTES, place), 0, min(_HEAD_BYTES, size - place)).op > 0
     except RecordError:
         return False
 

@@ -13,7 +13,7 @@ from amaze_autonomy.units import SECOND
 
 from .arrays import joined_parts
 from .errors import BagError, NotClosedError
-from .format import MEMORY, record_at
+from .format import MEMORY, read_at, record_at
 from .index import ChunkHead, Index, chunk_head, index_parts
 from .other_formats import is_other, other_recording
 from .recover.scan import Scan, scan
@@ -62,7 +62,7 @@ def _columns(found: Scan) -> Tuple[Any, Any, List[ChunkHead]]:
         for chunk in found.chunks:
             raw = chunk.index_bytes
             if raw is None:
-                raw = os.pread(file, chunk.end - chunk.data_end, chunk.data_end)
+                raw = read_at(file, chunk.end - chunk.data_end, chunk.data_end)
             parts += index_parts(raw, 0, len(raw), dict(chunk.counts))[0]
             heads.append(_head(file, chunk.position, chunk.compression, chunk.data))
     finally:
@@ -74,7 +74,7 @@ def _columns(found: Scan) -> Tuple[Any, Any, List[ChunkHead]]:
 def _head(file: int, position: int, compression: str, data: Any) -> ChunkHead:
     if data is not None:
         return ChunkHead(compression, position, len(data), len(data))
-    begin = os.pread(file, _HEAD_BYTES, position)
+    begin = read_at(file, _HEAD_BYTES, position)
     return chunk_head(record_at(begin, 0, len(begin)))
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import ctypes
 import mmap
-import os
 import struct
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -24,6 +23,8 @@ from .errors import BagError, RecordError
 from .format import (
     Buffer,
     decompressed,
+    read_at,
+    read_into,
 )
 from .index import (
     ChunkHead,
@@ -242,7 +243,7 @@ class Loader:
 
     def _decompress(self, number: int, head: ChunkHead, place: int, buffer: bytearray) -> _Entries:
         chunk = self._index.chunks[number]
-        raw = os.pread(self._index.file, chunk.end - head.data, head.data)
+        raw = read_at(self._index.file, chunk.end - head.data, head.data)
         try:
             decompress_into(buffer, place, head.compression, raw[: head.stored], head.size)
             t_ns, connection, offset = self._entries(number, raw, head.stored, len(raw))
@@ -342,7 +343,7 @@ class Loader:
         file, view = self._index.file, memoryview(buffer)
         position = first + shifts[np.searchsorted(begins, first, "right") - 1]
         for begin, end, at in zip(first.tolist(), last.tolist(), position.tolist()):
-            if begin < end and os.preadv(file, [view[begin:end]], at) != end - begin:
+            if begin < end and read_into(file, [view[begin:end]], at) != end - begin:
                 raise self._shorter()
 
     def _read_all(self, buffer: bytearray, which: List[int], numbers: List[int], places: List[int]) -> None:
@@ -358,7 +359,7 @@ class Loader:
             first = last + 1
 
     def _read(self, buffer: bytearray, place: int, position: int, size: int) -> None:
-        if size and os.preadv(self._index.file, [memoryview(buffer)[place : place + size]], position) != size:
+        if size and read_into(self._index.file, [memoryview(buffer)[place : place + size]], position) != size:
             raise self._shorter()
 
     def _shorter(self) -> BagError:

@@ -10,7 +10,6 @@ about the library may still read; what neither reads our index has the words for
 
 from __future__ import annotations
 
-import os
 import struct
 from collections import OrderedDict
 from contextlib import suppress
@@ -23,7 +22,7 @@ import numpy as np
 from .columns import WHOLE, Wanted, read_columns, wanted_of
 from .definitions import types_of
 from .errors import BagError, MessageError, NotABagError, OtherBagError, UndecodableError
-from .format import MEMORY, decompressed, fields_of, record_at
+from .format import MEMORY, decompressed, fields_of, read_at, record_at
 from .index import Index, Messages, chunk_head, recovering
 from .tapes import Tapes, tapes_of
 
@@ -192,7 +191,7 @@ class Indexed:
     def load(self, position: int) -> bytes:
         """Return the data of a chunk, decompressed."""
         head = self.index.compressed_head(self._numbers[position])
-        stored = os.pread(self.index.file, head.stored, head.data)
+        stored = read_at(self.index.file, head.stored, head.data)
         if len(stored) != head.stored:
             raise EOFError(f"{len(stored)} bytes of {head.stored}")
         return bytes(decompressed(head.compression, stored, head.size, self.index.memory))
@@ -202,7 +201,7 @@ class Indexed:
         head = self.index.head(self._numbers[position])
         if head.compression != "none" or head.stored != head.size:
             return None
-        return os.pread(self.index.file, max(0, min(size, head.stored - offset)), head.data + offset)
+        return read_at(self.index.file, max(0, min(size, head.stored - offset)), head.data + offset)
 
     def close(self) -> None:
         """Close the file."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Deque, Dict, Iterable, Iterator, List, Na
 from amaze_autonomy.files import sync_folder, temporary_name
 
 from .errors import BagError
-from .format import FIRST_RECORD, Connection, bag_header, chunk_header, chunk_info, connection_record
+from .format import FIRST_RECORD, Connection, bag_header, chunk_header, chunk_info, connection_record, read_into
 
 if TYPE_CHECKING:  # loading them all would be a good part of a short run
     from concurrent.futures import Future, ThreadPoolExecutor
@@ -99,7 +99,7 @@ class Ahead:
     def _read(self, piece: Stretch, buffer: bytearray) -> None:
         view, done = memoryview(buffer)[: piece.size], 0
         while done < piece.size:
-            read = os.preadv(piece.file, [view[done:]], piece.start + done)
+            read = read_into(piece.file, [view[done:]], piece.start + done)
             if not read:
                 raise BagError(str(self._path), "an input became shorter while it was read", "try again")
             done += read
@@ -245,7 +245,7 @@ class Output:
         try:
             return os.copy_file_range(file, self._file, count, start)  # type: ignore[attr-defined,unused-ignore]
         except OSError as error:
-            if error.errno not in _UNABLE:
+            if error.errno not in (*_UNABLE, errno.EIO):  # whose reads fail, theirs or ours, the copy will tell
                 raise
             return 0
 

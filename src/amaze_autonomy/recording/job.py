@@ -265,6 +265,8 @@ def _inputs(plan: Plan) -> _Inputs:
         found.offsets_ns.extend([source.correction_ns] * len(parts))
         found.origins.extend([origin] * len(parts))
         for each in content["files"]:
+            if each.get("unreadable"):
+                continue
             if each.get("changed") or not source.fetched:
                 found.unchecked[source.folder / str(each["file"])] = each.get("changed") or each["sha256"]
             if each.get("listed_as") and each.get("lost") != 0:

@@ -88,6 +88,8 @@ def whole_bags(
     found: List[Optional[Part]] = []
     for entry in content["files"]:
         path = folder / str(entry["file"])
+        if entry.get("unreadable"):
+            continue
         try:
             found.append(_whole(path, target, progress))
         except BagError as error:
@@ -113,9 +115,9 @@ def recover_damaged(folder: Path, bag: Path, target: Path, progress: Optional[Pr
     for entry in (read_parts(folder) or {"files": []})["files"]:
         path = folder / str(entry["file"])
         output = _output(path, target)
-        if bag not in (path, output) or not bag.exists():
+        if bag.resolve() not in (path.resolve(), output.resolve()) or not bag.exists():
             continue
-        checked = bag == output and (read_json(_note(output)) or {}).get("checked")
+        checked = bag.name == output.name and (read_json(_note(output)) or {}).get("checked")
         if checked or not scan(path).damages:
             return False
         _recovered(path, output, check_data=True, progress=progress)
@@ -272,9 +274,14 @@ def _compared(folder: Path, entry: Dict[str, Any], before: Mapping[str, Any], *,
     of one that had to be recovered since.
     """
     names = (entry["file"], entry.get("recovered_from"))
-    was = next((each for each in before["files"] if each["file"] in names and not each.get("open")), None)
-    if was is None or entry.get("open"):
+    unreadable = bool(entry.get("unreadable"))
+    listed = (each for each in before["files"] if each["file"] in names and (unreadable or not each.get("open")))
+    was = next(listed, None)
+    if was is None or (entry.get("open") and not unreadable):
         return entry
+    if unreadable:  # who has it as it was then has it whole
+        first = was.get("changed") or was.get("sha256")
+        return {**entry, "changed": first} if first else entry
     if (was["file"], was.get("sha256")) == (entry["file"], entry["sha256"]):
         now = {key: value for key, value in entry.items() if key not in _KNOWN}
         original = was.get("recovered_from")  # somebody may have removed it since
@@ -359,7 +366,7 @@ def _recovered_by_hand(paths: Sequence[Path]) -> Dict[Path, List[Dict[str, Any]]
                 if here.chunks and _start_ns(here) == _start_ns(there):
                     told = {"lost": here.lost, **_inside(here.lost_inside), "recovered_from": path.name}
                     better = _is_good(whole) and there.messages >= here.messages
-                    found[path] = [{**_entry(whole), **told}] if better else []
+                    found[path] = [_entry(whole, told)] if better else []
     return found
 
 
@@ -371,15 +378,14 @@ def _listed(folder: Path, path: Path) -> List[Dict[str, Any]]:
     """Return the entries of one recorded bag: itself, or what was recovered from it."""
     closed = _closed_in_place(path)
     if closed is not None:
-        return [{**_entry(closed), **_before(closed)}]
+        return [_entry(closed, _before(closed))]
     try:
         part = _whole(path, folder, None)
     except BagError as error:
-        return [{**_entry(path), "open": True, "lost": None, "problem": str(error)}]
+        return [_entry(path, {"open": True, "lost": None, "problem": str(error)})]
     if part is None:
         return []
-    entry = {**_entry(part.path), **part.losses}
-    return [entry] if part.path == path else [{**entry, "recovered_from": path.name}]
+    return [_entry(part.path, part.losses if part.path == path else {**part.losses, "recovered_from": path.name})]
 
 
 def _closed_in_place(path: Path) -> Optional[Path]:
@@ -423,14 +429,21 @@ def _before(path: Path) -> Dict[str, Any]:
     return {**told, "undo": undo.name} if _undo_is_of(path) else told
 
 
-def _entry(path: Path) -> Dict[str, Any]:
+def _entry(path: Path, told: Mapping[str, Any]) -> Dict[str, Any]:
+    """Return what the list says of a file, with what is told of it besides; all of one with a bad sector is a loss."""
     messages, size = 0, path.stat().st_size
+    try:
+        sha256 = sha256_of(path)
+    except OSError as error:
+        problem = f"{path}: cannot be read ({error.strerror}); {_COPY}"
+        return {"file": path.name, "bytes": size, "open": True, "unreadable": True, "lost": None, "problem": problem}
     if path.name.endswith(".bag"):
         with suppress(BagError), Index(path) as index:  # of one that cannot be recovered here nobody knows
             messages = sum(chunk.messages for chunk in index.chunks)
-    return {"file": path.name, "bytes": size, "messages": messages, "sha256": sha256_of(path)}
+    return {"file": path.name, "bytes": size, "messages": messages, "sha256": sha256, **told}
 
 
+_COPY = "copy it with a tool that passes over bad sectors, recover the copy, put it in its place and retry"
 _ANEW = "retry, and its platform lists anew what is there"
 _AGAIN = "retry, and it is transferred again"
 
@@ -455,7 +468,7 @@ def check_arrived(folder: Path, *, checksums: bool = True) -> Dict[str, Any]:
         path = folder / str(entry["file"])
         if path.name != entry["file"]:
             raise TransferError(f"{folder / PARTS}: names a file that is none of this part, {entry['file']!r}")
-        wrong = _difference(path, entry, checksums=checksums)
+        wrong = "" if entry.get("unreadable") else _difference(path, entry, checksums=checksums)
         if wrong and checksums and path.is_file():
             path.replace(aside(path))
             wrong += ", and was put aside"

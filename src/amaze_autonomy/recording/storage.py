@@ -14,6 +14,7 @@ import json
 import logging
 import re
 import shutil
+from contextlib import suppress
 from itertools import count
 from pathlib import Path
 from typing import Any, Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
@@ -76,8 +77,10 @@ def read_parts(folder: Path) -> Optional[Dict[str, Any]]:
 
 
 def is_as_listed(path: Path, entry: Mapping[str, Any]) -> bool:
-    """Tell whether a file is what the list of its part says of it, byte for byte."""
-    return path.is_file() and path.stat().st_size == entry.get("bytes") and sha256_of(path) == entry.get("sha256")
+    """Tell whether a file is what the list of its part says of it, byte for byte; one that cannot be read is not."""
+    with suppress(OSError):
+        return path.is_file() and path.stat().st_size == entry.get("bytes") and sha256_of(path) == entry.get("sha256")
+    return False
 
 
 def aside(path: Path) -> Path:
@@ -161,8 +164,9 @@ def _came_whole(folder: Path, entry: Mapping[str, Any], before: Mapping[str, Any
             if same and is_as_listed(folder / str(name), was):
                 return dict(was)
         path = folder / str(name)
-        if path.is_file() and sha256_of(path) == first:  # the list before is gone: what it lacked nobody knows
-            return {"file": name, "bytes": path.stat().st_size, "sha256": first, "lost": None}
+        here = {"file": name, "bytes": path.stat().st_size if path.is_file() else 0, "sha256": first, "lost": None}
+        if is_as_listed(path, here):  # the list before is gone: what it lacked nobody knows
+            return here
     return None
 
 

@@ -27,7 +27,6 @@ which the `lz4` package cannot decompress alone, and the library that it is made
 from __future__ import annotations
 
 import ctypes
-import os
 import struct
 import threading
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
@@ -36,7 +35,7 @@ import numpy as np
 
 from ..arrays import Span, Table, relabel, tabulate
 from ..errors import BagError, RecordError
-from ..format import MESSAGE, Record, message_fields, pack_field, record_at, u32
+from ..format import MESSAGE, Record, message_fields, pack_field, read_into, record_at, u32
 from ..index import ChunkHead, Index
 from ..read import Block, Pool, lz4_library
 
@@ -409,7 +408,7 @@ class ChunkCopies:
     def _wrap(self, chunk_copy: _ChunkCopy, place: int, buffer: bytearray) -> Optional[Wrapped]:
         head, start = chunk_copy.head, place + chunk_copy.before + ROOM
         end = start + head.stored
-        if os.preadv(self._index.file, [memoryview(buffer)[start:end]], head.data) != head.stored:
+        if read_into(self._index.file, [memoryview(buffer)[start:end]], head.data) != head.stored:
             return None
         large = chunk_copy.large()
         target = self._new(large)

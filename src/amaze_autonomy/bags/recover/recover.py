@@ -23,7 +23,7 @@ from typing import Any, Callable, List, NamedTuple, Optional, Protocol, Tuple
 from amaze_autonomy.files import sync_folder, write_whole
 
 from ..errors import BagError, RecordError
-from ..format import FIRST_RECORD, MEMORY, bag_header, chunk_header, chunk_info, decompressed, record_at
+from ..format import FIRST_RECORD, MEMORY, bag_header, chunk_header, chunk_info, decompressed, read_at, record_at
 from ..index import Index, chunk_head
 from ..write import Output, index_of, refuse_input
 from .salvage import rewritten, salvaged
@@ -153,7 +153,7 @@ def _write_rest(out: Sink, file: int, chunk: Found, memory: int) -> None:
     """Write a chunk without the messages that are to be dropped."""
     data = chunk.data
     if data is None:
-        raw = os.pread(file, chunk.data_end - chunk.position, chunk.position)
+        raw = read_at(file, chunk.data_end - chunk.position, chunk.position)
         head = chunk_head(record_at(raw[:_HEAD], 0, min(len(raw), _HEAD)))
         data = bytes(decompressed(head.compression, raw[head.data :], head.size, memory))
     kept = salvaged(data).without(chunk.drop)

@@ -171,7 +171,8 @@ def scan(path: Path, *, check_data: bool = True, memory: int = MEMORY, progress:
     except OSError as error:
         raise BagError(str(path), f"cannot be read ({error.strerror})", "copy the disk and try there") from error
     finally:
-        os.close(scanner.file)
+        if scanner.file >= 0:
+            os.close(scanner.file)
     return scanner.result()
 
 
@@ -246,8 +247,7 @@ class _Scanner:
         self._agreed: Dict[int, int] = {}  # messages of a chunk whose data and index agree, and the bag's does not
         self._told_late: Dict[int, int] = {}  # messages by position, of an index that is not where the header says
         self._index_at = self._said_at = self._chunk_count = 0
-        self._first = self._opened(path)
-        self._read_index()
+        self._first = 0
 
     @property
     def file(self) -> int:
@@ -257,13 +257,13 @@ class _Scanner:
     def _size(self) -> int:
         return self._reader.size
 
-    def _opened(self, path: Path) -> int:
+    def _opened(self) -> int:
         """Open the file; return the place of the first record."""
         reader = self._reader
         try:
-            reader.file, reader.size, header = read_head(path)
+            reader.file, reader.size, header = read_head(reader.path)
         except BagError as error:
-            return self._opened_without_header(path, error)
+            return self._opened_without_header(reader.path, error)
         try:
             self._index_at, self._chunk_count = header.number(b"index_pos"), header.number(b"chunk_count")
         except RecordError:
@@ -279,7 +279,6 @@ class _Scanner:
         reader.file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         reader.size = os.fstat(reader.file).st_size
         if os.pread(reader.file, len(MAGIC), 0) != MAGIC and not any(map(self._is_chunk, _FIRST_PLACES)):
-            os.close(reader.file)
             raise error
         return len(MAGIC)
 
@@ -325,7 +324,8 @@ class _Scanner:
 
     def run(self, progress: Progress) -> None:
         """Look through the file."""
-        position = self._first
+        position = self._first = self._opened()
+        self._read_index()
         while position < self._size:
             try:
                 position = self._step(position)

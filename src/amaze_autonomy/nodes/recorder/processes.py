@@ -469,7 +469,8 @@ class RecorderJobs:
             return f"{fetch.location}/{PARTS} is no list of a part; retry, and its platform lists anew what is there"
         # what is whole here stays as it is: where it came from it may have gone bad since
         content, kept = joined(fetch.target, sent)
-        rest = {str(each["file"]): each for each in content["files"] if each["file"] not in kept}
+        files = [each for each in content["files"] if each["file"] not in kept and not each.get("unreadable")]
+        rest = {str(each["file"]): each for each in files}
         bags = [name for name, entry in rest.items() if not is_as_listed(fetch.target / name, entry)]
         if fetch.over:
             raise OSError(0, "it was given up")
