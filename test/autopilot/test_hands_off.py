@@ -19,7 +19,7 @@ from px4_tools import POSCTL, RTL
 from vehicle_lies import CRITICAL, Liar
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
-from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
+from amaze_autonomy.autopilot.planner.mission_vehicle import MODE_LATE_NS, VehicleWatch
 from amaze_autonomy.autopilot.planner.own_landing import ENDS, OwnLanding
 from amaze_autonomy.autopilot.planner.sequencer import Sequencer, SequencerSettings
 from amaze_autonomy.autopilot.vehicle.client import AutopilotClient, Reply
@@ -1713,3 +1713,47 @@ def test_a_failsafe_that_holds_the_vehicle_as_it_arms_is_not_flown_over():
     assert MISSION not in flown.since(armed_ns)
     assert not flown.craft.armed
     assert "failsafe" in flown.status.message
+
+
+def test_who_flies_after_a_takeoff_of_ours_that_was_refused_is_never_landed():
+    """The takeoff has FAILED on the ground; minutes later somebody flies the same vehicle by himself."""
+    flown = Recorded()
+    flown.craft.flags.not_ready["rc"] = "no RC"
+    flown.load("line")
+    assert flown.command(A.TAKEOFF) == ""
+    flown.until_phase(P.FAILED)
+    flown.run(LIMITS.confirm_limit_ns + 6 * S)
+    flown.craft.flags.not_ready.clear()
+    flown.craft.command_mode(LOITER)
+    assert flown.craft.arm() == ""
+    flown.craft.climb_to(10.0)
+    begun_ns = flown.t_ns
+    flown.run(10 * S)
+    assert (flown.phase, flown.status.message[:4], flown.craft.height_m > 5.0) == (P.FAILED, "arm:", True)
+    assert leave(flown) == []
+    flown.run(5 * S)
+    assert (flown.since(begun_ns), flown.craft.height_m > 5.0) == ([], True)
+
+
+@EACH
+def test_a_landing_of_our_own_is_told_as_it_is_sent(kind):
+    """A planner that stands still just after it would else seem to have been taken over by a pilot's AUTO.LAND."""
+    flown = flying("inside", kind)
+    flown.until(lambda: LAND in flown.since(0))
+    flown.cut()  # of what it sends, nothing has come yet
+    assert (flown.phase, flown.planner.watch.mode) == (P.LANDING, "OFFBOARD")
+    flown.join()
+    flown.run(S)
+    assert (flown.phase, flown.planner.watch.mode) == (P.LANDING, LAND)
+    flown.until_phase(P.LANDED)
+
+
+@EACH
+def test_a_landing_of_our_own_that_the_vehicle_does_not_take_is_not_said_for_long(kind):
+    flown = flying("inside", kind)
+    flown.craft.flags.ignores = (LAND,)
+    flown.until(lambda: LAND in flown.since(0))
+    flown.run(MODE_LATE_NS + S)
+    assert flown.phase is not P.LANDING
+    flown.craft.flags.ignores = ()
+    flown.until_phase(P.LANDED)

@@ -133,6 +133,11 @@ class FlightRecord:
         self._down_ns = None if not down else t_ns if self._down_ns is None else self._down_ns
         self._another = self._another or (self._down_ns is not None and t_ns - self._down_ns >= limit_ns)
 
+    @property
+    def is_over(self) -> bool:
+        """True once it has stood for long: whoever flies then flies another flight."""
+        return self._another
+
     def goes_on(self) -> bool:
         """Return whether a flight that was over goes on: it is armed in the air, where nobody arms a vehicle."""
         watch, armed_ns = self._watch, self._watch.ground.armed_ns

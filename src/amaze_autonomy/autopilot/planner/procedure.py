@@ -342,7 +342,7 @@ class Procedure:
         self._number = 0
         self._start_mode = means.watch.mode
         self._was_ours = not persistent and means.watch.mode in means.commanded  # what it leaves, somebody else takes
-        self._since_ns = self._woken_ns = t_ns
+        self.begun_ns = self._since_ns = self._woken_ns = t_ns
         self.longest_pause_ns = 0  # for which this process stood still
         self._sent_ns: float = -math.inf
         self._first_ns: float = math.inf

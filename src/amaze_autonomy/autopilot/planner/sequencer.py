@@ -28,7 +28,7 @@ from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness, climb_of, frame_begun_anew
 from .mission_upload import UPLOAD_MESSAGES, Dialect, MissionUpload, UploadPhase, beginning
-from .mission_vehicle import OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
+from .mission_vehicle import MODE_LATE_NS, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
 from .own_landing import ENDS, OwnLanding, Questions
 from .procedure import Means, Procedure, Progress, Standing, refusal, steps_of
 
@@ -267,7 +267,17 @@ class Sequencer:
             self._loading.end(why)
             self._finish_loading()
         self._begin(t_ns, self._meant(t_ns))
+        if self._begins_to_land(t_ns):
+            self._flight.look()  # what was reached by now counts
+            self._phase = _P.LANDING
         return self._proceed(t_ns)
+
+    def _begins_to_land(self, t_ns: int) -> bool:
+        """Return whether a landing that nobody asked for may show at any moment: told before, it is no pilot's."""
+        procedure, unasked = self._procedure, self._landing not in ("", _ASKED)
+        if procedure is None or not unasked or not self._flight.airborne or not self._lands():
+            return False
+        return t_ns - procedure.begun_ns <= MODE_LATE_NS
 
     def _land_unasked(self, t_ns: int) -> List[Message]:
         """Land as nobody has asked to, once the mode is heard; in vain: end what we send, and have failed."""
@@ -434,6 +444,11 @@ class Sequencer:
             flight.look()
         if self._phase not in (*IN_FLIGHT, _P.FAILED):
             return
+        if self._phase is _P.FAILED and not flight.armed:
+            down = self._is_down(t_ns) and t_ns - self._commanded_ns > _LATE_NS
+            flight.stays_down(t_ns, self._settings.limits.confirm_limit_ns, down=down)
+            if flight.is_over:
+                return  # who arms it later flies another flight
         flight.look()
         self._means.lifted = flight.lifted
         if not flight.armed and self._phase is _P.FAILED:
@@ -468,7 +483,7 @@ class Sequencer:
         watch, flight, procedure = self.watch, self._flight, self._procedure
         others = watch.mode in LANDING_MODES and not self._landing and LAND not in self._means.commanded
         if not others:
-            self._phase = flight.phase(self._phase)
+            self._phase = _P.LANDING if self._begins_to_land(t_ns) else flight.phase(self._phase)
         elif self._phase is _P.LANDING:
             self._phase = _P.FLYING
         lands = f"somebody else lands the vehicle (mode {watch.mode})" if others else ""
