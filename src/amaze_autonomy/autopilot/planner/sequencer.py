@@ -442,13 +442,8 @@ class Sequencer:
             return
         if self._landing and self._phase not in IN_FLIGHT:
             flight.look()
-        if self._phase not in (*IN_FLIGHT, _P.FAILED):
+        if self._phase not in (*IN_FLIGHT, _P.FAILED) or self._never_flew(t_ns):
             return
-        if self._phase is _P.FAILED and not flight.armed:
-            down = self._is_down(t_ns) and t_ns - self._commanded_ns > _LATE_NS
-            flight.stays_down(t_ns, self._settings.limits.confirm_limit_ns, down=down)
-            if flight.is_over:
-                return  # who arms it later flies another flight
         flight.look()
         self._means.lifted = flight.lifted
         if not flight.armed and self._phase is _P.FAILED:
@@ -461,6 +456,14 @@ class Sequencer:
                 self._end()
         elif watch.armed and watch.tells_mode(t_ns, self._spec.vehicle_age_limit_ns):
             self._follow_armed(t_ns)
+
+    def _never_flew(self, t_ns: int) -> bool:
+        """Return whether a takeoff has failed, and the vehicle has stood since: who arms it later flies his own."""
+        flight = self._flight
+        if self._phase is _P.FAILED and not flight.armed:
+            down = self._is_down(t_ns) and t_ns - self._commanded_ns > _LATE_NS
+            flight.stays_down(t_ns, self._settings.limits.confirm_limit_ns, down=down)
+        return self._phase is _P.FAILED and flight.is_over
 
     def _follow_landed(self, t_ns: int) -> None:
         """Look whether the flight that was over goes on, as long as it may."""
