@@ -34,6 +34,17 @@ def test_pymavlink_accepts_what_we_sign():
     assert message.get_signed()
 
 
+def test_of_what_is_signed_and_not_wanted_the_frame_is_known():
+    """Its number is one of the vehicle's: without it those of the wanted ones would seem to jump."""
+    theirs, ours = Wire(1, 1, key=KEY), Wire(191, 245, ("HEARTBEAT",), KEY)
+    other = mavlink.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)
+    raw = [theirs.send(each, NOW_NS + at * 10_000) for at, each in enumerate((beat(), other, beat()))]
+    raw.append(Wire(1, 1, key=OTHER).send(other, NOW_NS))
+    found = [each for data in raw for each in ours.each(data, None, NOW_NS)]
+    assert [(frame.sequence, message is not None) for frame, message in found] == [(0, True), (1, False), (2, True)]
+    assert ours.verifier.refused == 1
+
+
 @pytest.mark.parametrize("key", [None, OTHER])
 def test_what_is_not_signed_with_our_key_is_not_heard(key):
     ours = wires()[1]

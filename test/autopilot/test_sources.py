@@ -146,6 +146,24 @@ def test_datagrams_that_overtake_one_another_are_no_strangers():
     assert sources.strangers(S) == ()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_moment_in_which_much_overtakes_does_not_leave_the_link_deaf(seed):
+    """Half of 0.2 s comes 150 ms late, on a link where a tenth always comes a little late: for seconds, no longer."""
+    noise, sources = random.Random(seed), Sources()
+    sources.armed = True
+    sent = []
+    for number in range(380 * 70):
+        at_ms = number / 0.38
+        scrambled = 5000 <= at_ms < 5200 and noise.random() < 0.5
+        late_ms = 150.0 if scrambled else 40.0 * noise.random() if noise.random() < 0.1 else 0.0
+        boot = number % 19 == 0  # as often as ATTITUDE and positions say it
+        sent.append((at_ms + late_ms, number, round(at_ms) + 100_000 if boot else None))
+    heard = [sources.take(round(t_ms * MS), HERE, number % 256, boot) for t_ms, number, boot in sorted(sent)]
+    last = heard[380 * 15 :]
+    assert sum(last) / len(last) > 0.95
+    assert sources.strangers(70 * S) == ()
+
+
 def test_an_autopilot_that_was_restarted_behind_the_same_address_is_heard_again_at_once():
     sources = Sources()
     for tick in range(100):

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from amaze_autonomy.autopilot.vehicle.vehicle import VehicleState
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.events import MissionPhase
+from amaze_autonomy.engine.events import Landed, MissionPhase
 
 ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 ASK_RATE = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
@@ -191,3 +191,25 @@ def test_a_planner_asks_as_often_after_the_tenth_start_of_the_autopilot_as_after
         pauses_s = [(later - earlier) // S for earlier, later in zip(asked_ns, asked_ns[1:])]
         assert (asked_ns[0] - started_ns, pauses_s) == (0, [3, 3, 3, 3])
         t_ns += silent_s * S
+
+
+def test_another_autopilot_that_has_been_on_for_longer_has_no_home_of_the_one_before():
+    """Unplugged on the ground, and another one, on for an hour and without a home, plugged into the same line."""
+    bench = ClientBench().advance(6.0)
+    rows = {row.name: row.verdict.name for row in bench.client.rows(bench.t_ns, Landed.ON_GROUND)}
+    assert rows["home position"] == "PASS"
+    bench.cut = True
+    bench.advance(6.0)
+    bench.cut, bench.deaf = False, ("HOME_POSITION",)
+    send = bench._theirs.send
+
+    def an_hour_later(message):
+        if getattr(message, "time_boot_ms", 0):
+            message.time_boot_ms += 3_600_000
+        return send(message)
+
+    bench._theirs.send = an_hour_later
+    bench._peers.sources.forget()
+    bench.advance(20.0)
+    rows = {row.name: row.verdict.name for row in bench.client.rows(bench.t_ns, Landed.ON_GROUND)}
+    assert (rows["home position"], bench.client.vehicle.restarts) == ("FAIL", 1)

@@ -191,17 +191,19 @@ def test_what_decides_the_health_of_the_gps(system, problem, by_bit):
     assert gps_by_its_bit(system=system, problem=problem) is by_bit
 
 
-def test_a_report_is_numbered_and_the_gps_where_its_bit_decides():
-    vehicle = VehicleState(AutopilotSettings())
+def test_a_report_is_numbered_and_so_is_the_gps_by_what_decides():
+    """A status that is told twice does not make two reports of one."""
+    vehicle, gps = VehicleState(AutopilotSettings()), 1 << 31
     assert vehicle.sequences(0) == {"sensors_sequence": 0, "gps_sequence": 0}
     vehicle.receive(0, bits(32, 32, 32))
     assert vehicle.sequences(0) == {"sensors_sequence": 1, "gps_sequence": 1}
     vehicle.receive(1, fix(1))
-    assert vehicle.sequences(1) == {"sensors_sequence": 1, "gps_sequence": 0}
+    assert vehicle.sequences(1) == {"sensors_sequence": 1, "gps_sequence": gps + 1}
     vehicle.receive(2, bits(32, 32, 0))
     assert vehicle.sequences(2) == {"sensors_sequence": 2, "gps_sequence": 2}
     vehicle.receive(3, fix(2, 0))
-    assert vehicle.sequences(3) == {"sensors_sequence": 2, "gps_sequence": 0}
+    assert vehicle.sequences(3) == {"sensors_sequence": 2, "gps_sequence": gps + 2}
+    assert vehicle.sequences(60 * S) == {"sensors_sequence": 2, "gps_sequence": 0}, "silence is told by each status"
 
 
 def fix(t_usec, kind=3, **values):

@@ -130,6 +130,7 @@ VALUES: Dict[str, Tuple[str, ...]] = {
     "next_mission": ("mission: '2'",),
     "user_give_up_before_recording": ("user: 'give_up'", "recording: 'never started'"),
     "user_give_up": ("user: 'abort'",),
+    "was_away": ("reason: 'the engine was away'", "limit: 60.0 s"),
     "checks_passed_too_often": ("oldest check: 0.0 of 10.0 s", "rounds of checks: 6 of 5"),
     "checks_not_kept": (
         "oldest check: 8.88 of 10.0 s",

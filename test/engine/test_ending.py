@@ -393,3 +393,65 @@ def test_a_landing_is_repeated_a_period_after_a_restart_and_not_at_once():
     story = at("LAND commanding").after(0.1)
     story.feed(ev.EngineStarted, label="again", resumed=True)
     assert story.state.landing.sent_ns == story.now
+
+
+# --- what a person had in mind ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dead_s", [0.5, 20.0])
+def test_what_was_queued_is_not_flown_by_an_engine_that_was_told_to_end_and_is_started_again(dead_s):
+    """Ctrl-C in the landing behind the last waypoint: the mission is complete, and nobody has selected another one."""
+    story = at("MISSION flying")
+    story.state = replace(story.state, queue=(ev.Mission(id="2"),))
+    while story.planner.phase is not ev.MissionPhase.LANDING:
+        story.after(0.1)
+    story.feed(ev.Shutdown, signal="SIGINT")
+    story.after(0.2).pass_dead(dead_s).look().feed(ev.EngineStarted, label="again", resumed=True)
+    assert "queue_dropped" in story.told
+    story.until("MISSION_ENDED", limit_s=60.0).after(5.0)
+    assert (story.state.session.result.value, story.state.queue) == ("COMPLETE", ())
+    assert story.place[0] == "MISSION_ENDED"
+
+
+@pytest.mark.parametrize("place", ["PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION"])
+def test_what_an_engine_goes_on_with_after_long_a_person_is_asked_about(place):
+    story = at(place)
+    story.state = replace(story.state, queue=(ev.Mission(id="2"),))
+    story.pass_dead(SHIPPED.limits.ready_limit_ns / S + 1.0)
+    story.look().feed(ev.EngineStarted, label="again", resumed=True)
+    assert (story.place[0], story.state.queue) == ("OUTREACH", ())
+    assert "was_away" in story.told
+    story.answers.clear()
+    story.disobeyed.clear()
+    story.look().after(60.0)
+    assert (story.place[0], story.motions) == ("OUTREACH", [])
+    assert story.user("retry")[0] == "DONE"
+    story.after(30.0)
+    assert "checks_passed" in story.rules_fired
+
+
+@pytest.mark.parametrize("place", ["READY", "LOAD_MISSION"])
+def test_what_it_goes_on_with_after_a_moment_nobody_is_asked_about(place):
+    story = at(place)
+    story.state = replace(story.state, queue=(ev.Mission(id="2"),))
+    story.pass_dead(3.0).look().feed(ev.EngineStarted, label="again", resumed=True)
+    assert (story.place[0], len(story.state.queue), story.told) == (place, 1, ["resumed"])
+
+
+def test_a_signal_that_nobody_has_answered_lands_after_a_restart_and_is_forgotten_then():
+    """It came in a moment of doubt, and the process was killed in it: it was meant for that one."""
+    story = at("MISSION flying").say(mode="POSCTL")
+    story.vehicle.says.clear()
+    story.feed(ev.Shutdown, signal="SIGTERM")
+    story.pass_dead(0.5).feed(ev.EngineStarted, label="again", resumed=True)
+    story.look().until("MISSION_ENDED", limit_s=60.0)
+    assert "LAND" in story.motions
+    story.select().until("TAKEOFF", limit_s=120.0)
+
+
+def test_before_a_takeoff_such_a_signal_is_forgotten_with_the_process():
+    story = at("PREFLIGHT")
+    story.state = replace(story.state, signal="SIGTERM", shutting_down=True)
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    assert (story.state.signal, story.state.shutting_down) == ("", False)
+    story.expect("OUTREACH")  # whoever told it to end may say that it goes on

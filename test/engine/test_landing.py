@@ -408,3 +408,42 @@ def test_a_landing_of_which_nothing_is_known_any_more_may_be_given_up():
     story.expect("DATA_CLEANUP")
     assert "landing_given_up" in story.told
     assert "data_cleanup" not in story.told
+
+
+def test_a_given_up_landing_stays_so_when_the_vehicle_is_heard_again_and_nothing_else_is_flown():
+    """The link comes back while the data is collected: it is landed, and its mission no more complete than before."""
+    story = at("MISSION flying")
+    story.state = replace(story.state, queue=(ev.Mission(id="2"),))
+    while story.planner.phase is not ev.MissionPhase.LANDING:
+        story.after(0.1)
+    story.vehicle.obeys, story.vehicle.speed = False, 0.0
+    story.after(0.3).silent.append("autopilot")
+    story.after(9.0)
+    assert story.user("acknowledge")[0] == "DONE"
+    story.after(0.4)
+    story.silent.clear()
+    story.look().until("LAND", limit_s=2.0)
+    story.vehicle.obeys = True
+    story.vehicle.land()
+    story.until("MISSION_ENDED", limit_s=60.0).after(5.0)
+    assert (story.place[0], story.state.session.result.value) == ("MISSION_ENDED", "LANDED_EARLY")
+    assert story.state.queue == ()
+
+
+def test_a_flight_that_goes_on_behind_its_first_file_is_not_complete_with_that():
+    """It says for a moment too early that it is down; the planner says that its file is flown, and the next is not."""
+    story = at("MISSION flying")
+    mission = replace(story.state.session.mission, files=2)
+    story.state = replace(story.state, session=replace(story.state.session, mission=mission))
+    while story.planner.phase is not ev.MissionPhase.LANDING:
+        story.after(0.1)
+    story.after(0.8).landing_says = ev.Landed.ON_GROUND
+    story.planner.phase = ev.MissionPhase.LANDED
+    story.answers["LoadMission"] = None
+    story.disobeyed.append("LoadMission")
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND, height_m=0.0).until("MISSION", "touchdown", limit_s=2.0)
+    story.vehicle.says.clear()
+    story.vehicle.armed, story.vehicle.height, story.vehicle.speed = True, 1.5, -0.5
+    story.vehicle.landed = ev.VehicleLanded.LANDING
+    story.look().until("MISSION_ENDED", limit_s=60.0)
+    assert story.state.session.result.value == "LANDED_EARLY"

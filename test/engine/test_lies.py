@@ -653,6 +653,20 @@ def test_clocks_apart_are_looked_at_again_in_the_rhythm_of_a_fix_and_not_as_fast
     assert "Not ready yet" in story.state.shown.text
 
 
+@pytest.mark.parametrize("peer", ["planner", "recorder"])
+def test_a_clock_that_was_set_right_after_the_mission_forbids_no_other_one(peer):
+    """A peer speaks for the session that it knows; for the next one only after the takeoff that would be forbidden."""
+    story = at("MISSION_ENDED")
+    getattr(story, peer).says["age_ns"] = 2 * S
+    story.after(3.0).select().after(70.0)
+    story.expect("OUTREACH")
+    assert f"stamps of the {peer} are 2.000 s old" in story.state.shown.text
+    del getattr(story, peer).says["age_ns"]
+    story.after(2.0)
+    assert story.user("retry")[0] == "DONE"
+    story.until("TAKEOFF", limit_s=120.0)
+
+
 # --- nobody answers any more ------------------------------------------------------------------------------------------
 
 

@@ -206,6 +206,10 @@ def holding_for(story: Story) -> None:
     story.back("lrf")
 
 
+def started_again_after_an_hour(story):
+    return story.pass_dead(3600.0).look().feed(ev.EngineStarted, label="again", resumed=True)
+
+
 def taken_back_again_and_again(story: Story) -> None:
     """A required component comes and goes."""
     story.select()
@@ -523,6 +527,7 @@ ROWS = (
     ),
     Row("user_give_up_before_recording", "PREFLIGHT", user("give_up"), "MISSION_INPUT", (), "mission_input"),
     Row("user_give_up", "START_RECORDING", user("abort"), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
+    Row("was_away", "LOAD_MISSION", started_again_after_an_hour, "OUTREACH", (), "was_away"),
     Row("checks_passed_too_often", "MISSION_INPUT", taken_back_again_and_again, "OUTREACH", (), "no_takeoff"),
     Row("checks_not_kept", "MISSION_INPUT", taken_back_for_good, "OUTREACH", (), "checks_failed"),
     Row("checks_passed", "MISSION_INPUT", lambda story: story.select().after(0.1), "READY", (), "ready"),

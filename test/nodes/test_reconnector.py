@@ -87,6 +87,17 @@ def test_what_is_connected_is_left_alone(graph, look):
     assert graph.master.calls == graph.mine.calls == []
 
 
+def test_the_lost_one_of_two_publishers_is_connected_again(graph, look, monkeypatch):
+    """A cable was pulled for a moment; both nodes go on publishing, and rospy has one connection left."""
+    other = Api(getPid=43)
+    master = Api(registerSubscriber=[other.uri, graph.publisher.uri])
+    monkeypatch.setattr(reconnector.rosgraph, "get_master_uri", lambda: master.uri)
+    look(connections=1, times=reconnector._ALL_EVERY)
+    other.end()
+    master.end()
+    assert ("publisherUpdate", "/me", TOPIC, [other.uri, graph.publisher.uri]) in graph.mine.calls
+
+
 def test_nobody_is_told_when_nobody_publishes(graph, look, monkeypatch):
     master = Api(registerSubscriber=[])
     monkeypatch.setattr(reconnector.rosgraph, "get_master_uri", lambda: master.uri)

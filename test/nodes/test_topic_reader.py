@@ -8,6 +8,7 @@ import random
 import socket
 import struct
 import threading
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -130,6 +131,30 @@ def test_a_publisher_that_dies_within_a_picture_ends_its_connection():
     wire.publisher.close()
     wire.wait_for(lambda: wire.closed)
     assert (wire.tally.total, wire.tally.streams) == (0, 0)
+
+
+def test_a_publisher_that_never_stops_keeps_no_other_waiting():
+    """A driver whose device was unplugged, in a busy loop: before what came is looked at there is more."""
+    wild, most = Wire(ALL), 300_000
+    wild.stream._look = lambda data: wild.seen.append(sum(data))  # it takes its time
+    wild.stream._sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8 << 20)  # as the system grows it by itself
+    wild.begin()
+
+    def publish():
+        with suppress(OSError):  # the test is over
+            for _ in range(most // 1000):
+                wild.publisher.sendall(framed([b"x" * 1000]) * 1000)
+
+    publishes = threading.Thread(target=publish, daemon=True)
+    publishes.start()
+    turns = []
+    while len(turns) < 3:
+        before = len(wild.seen)
+        wild.reader.wait(1.0)
+        turns.append(len(wild.seen) - before)
+    assert max(turns) < most // 3, turns
+    wild.close()
+    publishes.join(5.0)
 
 
 def test_what_is_no_tcpros_ends_the_connection():

@@ -8,11 +8,12 @@ pytest.importorskip("rospy")
 
 from amaze_autonomy.engine.events import AutopilotStatus, UserCommand, VehicleLanded
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.state import EngineState, Flight, Peers, State, evolve, put
+from amaze_autonomy.engine.state import Agreement, EngineState, Flight, Peers, State, evolve, put
 from amaze_autonomy.nodes.autonomy.users import Unattended
 
 S = 1_000_000_000
 DOWN = AutopilotStatus(t_ns=5 * S, armed=False, landed=VehicleLanded.ON_GROUND, link_age_s=0.0)
+AGREED = Agreement(4 * S, 5 * S, 2)
 FLYING = evolve(DOWN, armed=True, landed=VehicleLanded.IN_AIR)
 HEARD = Peers(autopilot=FLYING, autopilot_ns=5 * S)
 PILOT = EngineState(state=State.PILOT, t_ns=5 * S, flight=Flight(active=True), peers=HEARD)
@@ -22,14 +23,16 @@ def test_a_pilots_landing_is_acknowledged_once_the_flight_is_over():
     desk = Unattended(Rules())
     assert desk.answer(PILOT) is None
     assert desk.answer(put(PILOT, "peers.autopilot", DOWN)) is None, "one status does not end a flight"
-    assert desk.answer(put(put(PILOT, "peers.autopilot", DOWN), "flight.active", False)) is UserCommand.ACKNOWLEDGE
+    over = put(put(PILOT, "peers.autopilot", DOWN), "flight.active", False)
+    assert desk.answer(over) is None, "nor what flies, and was never a flight of ours"
+    assert desk.answer(put(over, "vehicle.down", AGREED)) is UserCommand.ACKNOWLEDGE
 
 
 def test_a_pilot_who_has_armed_on_the_ground_is_waited_for():
     desk = Unattended(Rules())
     armed = put(put(PILOT, "peers.autopilot", evolve(DOWN, armed=True)), "flight.active", False)
     assert desk.answer(armed) is None
-    assert desk.answer(put(armed, "peers.autopilot", DOWN)) is UserCommand.ACKNOWLEDGE
+    assert desk.answer(put(put(armed, "peers.autopilot", DOWN), "vehicle.down", AGREED)) is UserCommand.ACKNOWLEDGE
 
 
 def test_where_a_person_is_wanted_it_gives_up():

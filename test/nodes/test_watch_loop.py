@@ -17,7 +17,7 @@ from amaze_autonomy.engine.rules import Code, Severity
 from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, RestartSpec, TopicSpec
-from amaze_autonomy.monitoring.watchdog import Watchdog
+from amaze_autonomy.monitoring.watchdog import Streams, Watchdog
 from amaze_autonomy.nodes.watchdog import node
 from amaze_autonomy.nodes.watchdog.watch_loop import TakeoffDesk, TakeoffRequest, TopicWatch, WatchLoop
 
@@ -89,6 +89,73 @@ def test_a_loop_that_runs_excuses_nothing():
     world = World("")
     world.loop.run()
     assert world.excused == []
+
+
+def test_what_a_publisher_could_not_send_meanwhile_is_read_before_anything_is_judged():
+    """A picture is larger than a socket: its rest comes once its beginning was read."""
+    world, order = World("wait"), []
+    wait, poll = world.loop._reader.wait, world.poll
+
+    def waits(limit_s):
+        order.append("wait")
+        wait(limit_s)
+
+    def judges(now_ns):
+        order.append("judge")
+        return poll(now_ns)
+
+    world.loop._reader.wait, world.poll = waits, judges
+    world.loop._stalled = lambda *_: order.append("stalled")
+    world.loop.run()
+    at = order.index("stalled")
+    assert order[at - 2 : at + 1] == ["wait", "wait", "stalled"]
+
+
+FLOAT64 = {"type": "std_msgs/Float64", "message_definition": "float64 data\n", "md5sum": "x"}
+
+
+@pytest.mark.parametrize(
+    "hz, age_limit_ms, stall_ms, how",
+    [
+        (10, 300, 350, {"finite": True}),
+        (5, 500, 650, {"finite": True}),
+        (5, 500, 450, {"unchanged_limit_ns": 500 * MS}),
+    ],
+)
+def test_content_that_waited_while_this_process_stood_still_came_in_time(hz, age_limit_ms, stall_ms, how):
+    """What waits in a connection is read at once: it would seem to have been away, and to be too little after that."""
+    topic = TopicSpec("/odometry", hz, age_limit_ns=age_limit_ms * MS, **how)
+    watchdog = Watchdog((ComponentSpec("estimator", severity=Severity.HIGHEST, topics=(topic,)),))
+    watchdog.start(0)
+    now, sent, codes = [0], [0], set()
+    clock = SimpleNamespace(
+        now_ns=lambda: now[0], ros_ns=lambda: now[0], wall_wait_s=lambda until_ns: max(0, until_ns - now[0]) * 1e-9
+    )
+    watch = TopicWatch(topic.topic, watchdog, clock)
+    watch.use("estimator", topic)
+    look = watch.look_for(FLOAT64)
+
+    def wait(limit_s):
+        begin_ns = now[0]
+        now[0] += min(20 * MS, max(MS, round(limit_s * 1e9)))
+        if begin_ns < 20_000 * MS <= now[0]:
+            now[0] += stall_ms * MS
+        while sent[0] <= now[0]:
+            look(memoryview(struct.pack("<d", sent[0] * 1e-9)))
+            watch.tally.count += 1
+            sent[0] += 1000 * MS // hz
+        if now[0] > 30_000 * MS:
+            loop.stop()
+
+    def tell(action, _info, t_ns):
+        if action is not None and t_ns > 10_000 * MS:
+            codes.add(action.code)
+
+    desk = SimpleNamespace(next_ns=1 << 62, turn=lambda _: None)
+    reader = SimpleNamespace(wait=wait, wake=lambda: None)
+    loop = WatchLoop(watchdog, Streams(watchdog), reader, (watch,), desk, clock, tell, lambda _: None, lambda *_: None)
+    loop.run()
+    assert codes == {Code.NOMINAL}
 
 
 # --- what is no message of ours ---------------------------------------------------------------------------------------

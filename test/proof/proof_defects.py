@@ -270,6 +270,7 @@ DEFECTS: Tuple[Defect, ...] = (
     ),
     Defect("`pilot_took_over` is left out", without("pilot_took_over"), ("pilot",)),
     Defect("`ready_revoked` is left out", without("ready_revoked"), ("ready",)),
+    Defect("`was_away` is left out", without("was_away"), ("away",)),
     Defect("`land_repeat` is left out", without("land_repeat"), (_LAND,)),
     Defect("`land_alarm` is left out", without("land_alarm"), (_LAND,)),
     Defect("`landing_not_shown` is left out", without("landing_not_shown"), (_LAND,)),

@@ -277,6 +277,7 @@ FIELDS: Mapping[str, Draw] = {
     "preflight.checks": _checks,
     "preflight.fix_deadline_ns": lambda rng, s: s.t_ns + rng.choice((-UNIT, 0, 1, UNIT)),
     "preflight.rounds": _one(0, 1, 2, 3),
+    "preflight.away": _one(False, False, True),
     "session.outreach": _one(*OutreachKind),
     "peers.watchdog_started_ns": _when,
     "preflight.load.outcome": _one(None, *ev.Outcome),
@@ -534,6 +535,7 @@ def witness_of(s: EngineState, rules: Rules) -> Witness:
         user_hold=s.flight.user_hold_ns is not None,
         waited=_waited_of(s, rules),
         shutting_down=s.shutting_down,
+        unasked=s.preflight.away,
         stalled_s=s.peers.clock_stalled_s,
     )
 

@@ -113,6 +113,7 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
         state.session.result,
         state.session.outreach,
         state.preflight.rounds,
+        state.preflight.away,
         state.shutting_down,
         state.armed_at_start,
         _start(state),
@@ -176,7 +177,17 @@ def _after_flight(state: EngineState, caps: Dict[str, int]) -> Key:
     armed_before = motors is not None and aloft is not None and motors.since_ns < aloft.since_ns
     flown = (armed_before, state.flight.mode_before, state.flight.confirmed) if state.flight.was_airborne else ()
     armed = _agreed(state, "vehicle.motors", 0) if late else ()
-    return (state.flight.was_airborne, state.session.flown, flown, shown, armed)
+    goes_on = state.flight.was_airborne and not state.flight.another  # until it has stood for long
+    over = _agreed(state, "vehicle.down", caps["confirm"]) if goes_on else ()
+    return (
+        state.flight.was_airborne,
+        state.flight.another and state.flight.was_airborne,
+        over,
+        state.session.flown,
+        flown,
+        shown,
+        armed,
+    )
 
 
 def _agreed(state: EngineState, field: str, cap: int) -> Key:
@@ -340,6 +351,7 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         witness.recorder is state.peers.recorder or state.peers.recorder is None,
         witness.beat_ns == state.peers.heartbeat_ns,
         witness.watching,
+        witness.unasked,
         witness.codes,
         witness.flight,
         witness.airborne,

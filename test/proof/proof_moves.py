@@ -88,6 +88,7 @@ class World:
     noise: bool = False
     shutdown: bool = False
     restart: bool = False
+    away: bool = False
     order: Tuple[str, ...] = ("wait",)
     stop: Tuple[State, ...] = ()
 
@@ -115,6 +116,8 @@ def moves_of(node: Node, world: World) -> List[Tuple[Move, bool]]:
         found.append((("shutdown",), False))
     if world.restart:
         found.append((("restart",), False))
+    if world.away:
+        found.append((("away",), False))
     return found
 
 
@@ -488,6 +491,11 @@ def _restart(_node: Node, _move: Move) -> Iterator[Any]:
     yield lambda _p, now, _w, _o: ev.EngineStarted(t_ns=now.t_ns + UNIT, label="proof", resumed=True)
 
 
+def _away(_node: Node, _move: Move) -> Iterator[Any]:
+    """The same, much later."""
+    yield lambda _p, now, _w, _o: ev.EngineStarted(t_ns=now.t_ns + 3 * UNIT, label="proof", resumed=True)
+
+
 def _start(_node: Node, _move: Move) -> Iterator[Any]:
     yield lambda _p, now, _w, _o: ev.EngineStarted(t_ns=now.t_ns + UNIT, label="proof")
 
@@ -519,6 +527,7 @@ _NOISE: Tuple[Make, ...] = (
 
 _SCRIPTS: Dict[str, Callable[[Node, Move], Iterator[Any]]] = {
     "at_once": _at_once,
+    "away": _away,
     "battery": _battery,
     "beat": _beat,
     "check": _check,

@@ -102,8 +102,10 @@ def _topics(connections: Mapping[int, Any], t_ns: Any, connection: Any) -> Itera
     publishers = Counter((each.topic, each.kind) for each in connections.values())
     names = sorted(publishers)
     places = {name: place for place, name in enumerate(names)}
-    numbers = np.array(sorted(connections), np.int64)
-    place_of = np.array([places[connections[each].topic, connections[each].kind] for each in numbers] or [-1], np.int64)
+    numbers: Any = np.array(sorted(connections), np.int64)
+    place_of: Any = np.array(
+        [places[connections[each].topic, connections[each].kind] for each in numbers] or [-1], np.int64
+    )
     found: Any = np.searchsorted(numbers, connection)
     described = np.isin(connection, numbers)  # of a damaged bag some may be described nowhere
     topic = np.where(described, place_of[np.where(described, found, 0)], -1)

@@ -233,6 +233,9 @@ MESSAGES: Mapping[str, Message] = {
     "no_takeoff": Message(
         _E, "No takeoff: all checks passed, but Ready expired or was revoked too often.", "Retry, or give up."
     ),
+    "was_away": Message(
+        _E, "No takeoff: the engine was away, and goes on with nothing by itself.", "Retry, or give up."
+    ),
     "start_recording": Message(_I, "Recording is starting."),
     "recording_refused": Message(
         _E, "The recorder does not record: {reason}", "Check storage and recorder, then retry, or give up."

@@ -196,6 +196,12 @@ class Context:
         self.commands.append(request)
         return Asked(id=request.id, sent_ns=self.now)
 
+    def drop_queue(self) -> None:
+        """Drop the missions that were still to come, and say so."""
+        if self.state.queue:
+            self.notify("queue_dropped", missions=", ".join(mission.id for mission in self.state.queue))
+            self.set(queue=())
+
     def notify(self, key: str, **values: object) -> None:
         """Tell the user by an entry of the table of messages; ignore the empty key."""
         if not key:

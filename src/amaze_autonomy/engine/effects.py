@@ -112,8 +112,8 @@ def _request(context: Context, check: CheckName) -> RunCheck:
 
 
 def forgive(context: Context) -> None:
-    """The user retries: rounds are counted afresh."""
-    context.put("preflight", rounds=0)
+    """The user retries: rounds are counted afresh, and it is not asked again whether the mission goes on."""
+    context.put("preflight", rounds=0, away=False)
 
 
 def ready(context: Context) -> None:
@@ -230,7 +230,7 @@ def land(context: Context) -> None:
     if state.landing.since_ns is None:
         context.put("landing", since_ns=context.now, cause=state.cause)
         context.put("flight", user_hold_ns=None)
-        if mission_flown(context) is not None:
+        if state.flight.commanded and mission_flown(context) is not None:  # not of one that is taken up after its end
             context.put("session", result=Result.COMPLETE)  # its last waypoint was flown, whoever ends the landing
     late = passed("land_second_route_after", context.state, context.rules, context.now)
     overdue = passed("land_limit", context.state, context.rules, context.now)
@@ -256,7 +256,7 @@ def land_both(context: Context) -> None:
 
 
 def adopt_flight(context: Context) -> None:
-    """A flight that is not ours, or seemed over, is landed: it counts as a flight from here on."""
+    """A flight that is not ours, or seemed over, is landed: it counts as a flight, and keeps the result it had."""
     adopt_late_arming(context)
     context.put("session", flown=True)
 
@@ -275,6 +275,8 @@ def adopt_late_arming(context: Context) -> None:
         another=False,
     )
     context.set(landing=Landing(both_routes=True))
+    if context.state.session.result is Result.NONE:
+        context.put("session", result=Result.LANDED_EARLY)
 
 
 def alarm(context: Context) -> None:
@@ -337,12 +339,7 @@ def end_mission(context: Context) -> None:
         drop_queue(context)
 
 
-def drop_queue(context: Context) -> None:
-    """Drop the missions that were still to come, and say so."""
-    state = context.state
-    if state.queue:
-        context.notify("queue_dropped", missions=", ".join(mission.id for mission in state.queue))
-        context.set(queue=())
+drop_queue: Effect = Context.drop_queue
 
 
 Place = Tuple[State, Step]

@@ -370,6 +370,12 @@ def too_many_rounds(context: Context) -> Optional[Seen]:
     return holds_if(rounds > limit, Value("rounds of checks", rounds, limit))
 
 
+def was_away(context: Context) -> Optional[Seen]:
+    """The engine was away for longer than Ready stands, or was told to end: no person has this mission in mind now."""
+    limit = Value("limit", context.limits.ready_limit_ns / _NS, None, "s")
+    return because("reason", "the engine was away", limit) if context.state.preflight.away else None
+
+
 def revoked(context: Context) -> Optional[Seen]:
     """A required component is not at code 1 (nor tolerated at code 2), or the watchdog is silent."""
     status = lacking(context.state.session.mission, context.state.peers.components)
@@ -409,6 +415,7 @@ def planner_refused(context: Context) -> Optional[Seen]:
 def next_takeoff_failed(context: Context) -> Optional[Seen]:
     """On the ground between two files: whatever forbids a takeoff forbids the next one."""
     for guard in (
+        was_away,
         check_failed,
         revoked,
         planner_refused,

@@ -242,12 +242,14 @@ class Preflight:
         fix_deadline_ns: end of the time in which what failed may be fixed.
         rounds: how often the checks were run since a person was asked.
         load: the request that loads the mission.
+        away: the engine was away meanwhile, and not for a moment, or was told to end.
     """
 
     checks: Tuple[CheckRecord, ...] = ()
     fix_deadline_ns: Optional[int] = None
     rounds: int = 0
     load: Asked = Asked()
+    away: bool = False
 
 
 @dataclass(frozen=True)

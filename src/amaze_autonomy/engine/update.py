@@ -56,6 +56,8 @@ _IDLE = (MissionPhase.IDLE, MissionPhase.LOADED, MissionPhase.LANDED)
 
 def update(context: Context) -> None:
     """Put what the event says into the state."""
+    if isinstance(context.event, EngineStarted):
+        _leave_to_a_person(context, context.event)
     context.set(t_ns=context.now)
     _expire_checks(context)
     take = _UPDATES.get(type(context.event))
@@ -110,6 +112,17 @@ def _follow(old: Optional[Agreement], now_ns: int, *, says: bool) -> Optional[Ag
     if not says:
         return None
     return Agreement(now_ns, now_ns) if old is None else Agreement(old.since_ns, now_ns, 2)
+
+
+def _leave_to_a_person(context: Context, event: EngineStarted) -> None:
+    """Leave to a person what else is flown, where the engine was told to end, or was away for long."""
+    state = context.state
+    if event.resumed and (state.shutting_down or context.now - state.t_ns > context.limits.ready_limit_ns):
+        context.put("preflight", away=True)
+        context.drop_queue()
+    if not state.flight.active:
+        context.signal = ""  # it was meant for the process before; where that flew, it is landed
+        context.set(signal="")
 
 
 def _engine_started(context: Context, event: EngineStarted) -> None:
@@ -266,11 +279,8 @@ def _reply(context: Context, event: Reply) -> None:
 
 
 def _mission_status(context: Context, event: MissionStatus) -> None:
-    if (
-        event.session_id == context.state.session.id
-        and event.session_id
-        and _credible(context, "planner", event.age_ns)
-    ):
+    credible = _credible(context, "planner", event.age_ns)  # of another session too: its clock may be right again
+    if event.session_id == context.state.session.id and event.session_id and credible:
         context.put("peers", planner=event, planner_ns=context.now)
         _planner_leads(context)
         if context.state.vehicle.takeover is not None and context.state.peers.autopilot is not None:
@@ -279,9 +289,8 @@ def _mission_status(context: Context, event: MissionStatus) -> None:
 
 
 def _recording_status(context: Context, event: RecordingStatus) -> None:
-    if event.session_id != context.state.session.id or not event.session_id:
-        return
-    if not _credible(context, "recorder", event.age_ns):
+    credible = _credible(context, "recorder", event.age_ns)  # of another session too: its clock may be right again
+    if not credible or event.session_id != context.state.session.id or not event.session_id:
         return
     recording = context.state.recording
     context.put("peers", recorder=event, recorder_ns=context.now)

@@ -15,6 +15,7 @@ from amaze_autonomy.engine.commands import (
     Level,
     MissionAction,
     Notify,
+    StartRecording,
     StopRecording,
 )
 from amaze_autonomy.engine.state import DataResult, Result, State, Step
@@ -146,6 +147,13 @@ def one_takeoff_for_each_load(m: Moment) -> Verdict:
     if m.motions.count(A.TAKEOFF) != 1 or m.saw.load is None:
         return "more than one takeoff at once"
     return "this file was taken off with before" if m.saw.load.used else True
+
+
+@law("5 resume", "An engine that was away for long, or told to end, records and takes off when a person asks for it.")
+def a_person_asks_after_long(m: Moment) -> Verdict:
+    if A.TAKEOFF not in m.motions and not m.sent(StartRecording):
+        return None
+    return "nobody has asked for it since the engine was away, or was told to end" if m.was.unasked else True
 
 
 # --- data and restarts ------------------------------------------------------------------------------------------------
@@ -308,7 +316,10 @@ def _given_up(m: Moment) -> bool:
     return asked and nothing_known and (m.was.alarmed or down)
 
 
-@law("5 MISSION", "A mission is complete only when the planner says so, it was the last file, and it has landed.")
+@law(
+    "5 MISSION",
+    "A mission is complete only when the planner says so, it was the last file, and it had not ended otherwise.",
+)
 def complete_is_complete(m: Moment) -> Verdict:
     if m.after.session.result is not Result.COMPLETE or m.before.session.result is Result.COMPLETE:
         return None
@@ -316,8 +327,11 @@ def complete_is_complete(m: Moment) -> Verdict:
     ends = planner is not None and planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
     if planner is None or not ends or planner.waypoint < planner.waypoints:
         return "the planner does not say that the last waypoint is done"
+    if m.before.session.result is not Result.NONE:
+        return "it had ended otherwise before"
     last = mission is not None and load is not None and load.leg == (mission.repetitions - 1, mission.files - 1)
-    return True if last else "it was not the last file"
+    flown = load is not None and load.used
+    return True if last and flown else "it was not the last file, or nobody has taken off with that"
 
 
 @law("5 TAKEOFF", "The mission begins at takeoff height, known freshly.")

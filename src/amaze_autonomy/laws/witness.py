@@ -116,6 +116,7 @@ class Witness:
     waited: Tuple[Tuple[str, int], ...] = ()
     started_ns: int = 0
     shutting_down: bool = False
+    unasked: bool = False
     stalled_s: float = 0.0
 
     # --- what it says of the vehicle ----------------------------------------------------------------------------------
@@ -465,9 +466,11 @@ def _reply(witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_:
 
 
 def _started(
-    witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState, _limits: Limits
+    witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState, limits: Limits
 ) -> None:
     """A new process has heard nobody yet: silence is counted from its start, and what was said before is not known."""
+    if event.resumed and (witness.shutting_down or now - witness.now > limits.ready_limit_ns):
+        changes["unasked"] = True
     changes.update(started_ns=now, shutting_down=False, rested=2 if witness.rested > 1 and state.sessions else 0)
     if event.resumed:
         changes.update(planner_ns=now, recorder_ns=now, vehicle_ns=now, detection_ns=now)
@@ -486,6 +489,12 @@ def _shutdown(_witness: Witness, _event: Any, _now: int, changes: Dict[str, Any]
     changes["shutting_down"] = True
 
 
+def _asks(_witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: Any) -> None:
+    """A person has in mind what is flown next: selects it, or says that it goes on."""
+    if not isinstance(event, ev.UserRequest) or event.command in (ev.UserCommand.RETRY, ev.UserCommand.GO):
+        changes["unasked"] = False
+
+
 def _clock(_witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: Any) -> None:
     changes["stalled_s"] = event.stalled_s
 
@@ -496,10 +505,12 @@ _READ: Dict[type, Any] = {
     ev.ClockStatus: _clock,
     ev.EngineStarted: _started,
     ev.LandedStatus: _landed,
+    ev.MissionSelected: _asks,
     ev.MissionStatus: _planner,
     ev.RecordingStatus: _recorder,
     ev.Reply: _reply,
     ev.Shutdown: _shutdown,
+    ev.UserRequest: _asks,
     ev.WatchdogAction: _action,
     ev.WatchdogInfo: _info,
 }

@@ -90,9 +90,9 @@ class Reconnector:
         everything = self._looks % _ALL_EVERY == 0
         for subscription in subscriptions():
             self._drop_unread(subscription)
-            alone = subscription.get_num_connections() == 0
-            if (alone or everything) and not self._stopped.is_set():
-                self._connect(subscription.resolved_name, subscription.data_class, alone=alone)
+            count = subscription.get_num_connections()
+            if (count == 0 or everything) and not self._stopped.is_set():
+                self._connect(subscription.resolved_name, subscription.data_class, count)
 
     def _drop_unread(self, subscription: Any) -> None:
         """Close connections for which rospy could have no thread: they count as connected, and nobody reads them."""
@@ -109,12 +109,13 @@ class Reconnector:
         """Publishers of other types that were there at the last look."""
         return tuple(each for each in tuple(self._asked.values()) if each is not None)
 
-    def _connect(self, topic: str, kind: Any, *, alone: bool) -> None:
+    def _connect(self, topic: str, kind: Any, count: int) -> None:
         me, mine = rospy.get_name(), rospy.get_node_uri()
         try:
             uris = call(self._master_uri, "registerSubscriber", (me, topic, kind._type, mine), _LIMIT_S)
             alive = [uri for uri in uris if self._answers(uri)]
-            if alive and alone:
+            ours = [uri for uri in alive if self._asked.get((topic, uri)) is None]  # the others are of another type
+            if alive and (count == 0 or count < len(ours)):
                 call(mine, "publisherUpdate", (me, topic, alive), _LIMIT_S)
         except CallError as error:
             _log.debug("%s is not connected: %s", topic, error)

@@ -36,6 +36,8 @@ _LENGTH = struct.Struct("<I")
 _LONGEST = 1 << 30  # bytes
 _GLANCE_BYTES = 4096  # one read of a topic that is only counted: the small messages, the front of a large one
 _GULP_BYTES = 1 << 20  # one read of a topic that is looked at as a whole
+_READ_S = 0.05  # one stream is read for so long at most, so that one that never ends keeps no other waiting
+_BITE_BYTES = 65536  # one read of small messages that are looked at
 _WHOLE_BYTES = 32768  # from here on the rest of a message is waited for as a whole
 _VOID_BYTES = 1 << 24
 _SAY_AGAIN_S = 10.0
@@ -88,24 +90,27 @@ class TopicStream:
         self.fd, self.whole = sock.fileno(), self._wanted == ALL
 
     def read(self, buffer: memoryview) -> bool:
-        """Read what has come; False when the connection has ended."""
+        """Read what has come, or a part of too much; False when the connection has ended."""
+        until_s = time.monotonic() + _READ_S
         try:
-            while True:
+            while time.monotonic() < until_s:
                 if self._skip:
                     count = self._discard()
                     self._wake_for(self._skip)
                     if self._skip:
                         return count > 0
                     continue
-                count = self._sock.recv_into(buffer)
+                room = len(buffer) if len(self._pending) >= _BITE_BYTES else min(len(buffer), _BITE_BYTES)
+                count = self._sock.recv_into(buffer, room)
                 if not self._parse(buffer[:count]) or count == 0:
                     return False
-                if not self._skip and count < len(buffer):
-                    return True
+                if not self._skip and count < room:
+                    break
         except BlockingIOError:
-            return True
+            pass  # all of it was read
         except OSError:
             return False
+        return True
 
     def begin(self, data: bytes) -> bool:
         """Take what came together with the handshake; False when it is not TCPROS."""

@@ -348,7 +348,7 @@ class Connection(ClientHost):
         for source, data, waited_ns in chunks:
             came_ns = t_ns - waited_ns
             for frame, message in self._wire.each(data, source, unix_ns):
-                if message is None and self._wire.verifier is None:
+                if message is None and (frame.signed or self._wire.verifier is None):
                     self._peers.pass_over(came_ns, (frame.system, frame.component), frame.sequence, source)
                 elif message is not None and self._peers.take(came_ns, message, source):
                     self._port.prefer(source)

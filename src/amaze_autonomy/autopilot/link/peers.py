@@ -268,6 +268,7 @@ class Sources:
         self._runs: List[_Run] = []
         self._ours: Optional[_Run] = None
         self._unbroken: Dict[Any, _Run] = {}  # all that came from an address with more than one run, while it is one
+        self._nearly: Dict[Any, _Run] = {}  # the same, where datagrams overtake one another or come twice
         self._told: Optional[_Told] = None
         self._between = _Between()
         self.armed = False
@@ -337,6 +338,7 @@ class Sources:
         self._ours = self._runs[0] if self._runs else None
         self._told, self._between = None, _Between()
         self._unbroken.clear()
+        self._nearly.clear()
 
     # --- inside ---------------------------------------------------------------------------------------------------
 
@@ -371,6 +373,10 @@ class Sources:
         if run is None or not 0 < (sequence - run.sequence) % _NUMBERS <= _AHEAD or t_ns - run.heard_ns > _S:
             run = self._unbroken[place] = _Run(t_ns, place, sequence)
         run.hear(t_ns, sequence, None)
+        nearly = self._nearly.get(place)
+        if nearly is None or not nearly.follows(t_ns, sequence) or t_ns - nearly.heard_ns > _S:
+            nearly = self._nearly[place] = _Run(t_ns, place, sequence)
+        nearly.hear(t_ns, sequence, None)
 
     def _one_vehicle(self, t_ns: int, fits: List[_Run]) -> Optional[_Run]:
         """Return the run that a message goes on with when all that it fits are one vehicle; None: they may be two."""
@@ -379,8 +385,10 @@ class Sources:
         others = [run for run in fits if run is not first]
         if any(run.boot_ns is not None and first.denies(t_ns, run.boot_ns) for run in others):
             return self._neither(t_ns, fits)
-        count, lasting_ns = _ALONE_OF_ONE_BOOT if all(_same_boot(run, first) for run in others) else _ALONE
-        if unbroken.count < count or t_ns - unbroken.first_ns < lasting_ns:
+        alone = _lasts(t_ns, unbroken, _ALONE)
+        if all(_same_boot(run, first) for run in others):
+            alone = _lasts(t_ns, unbroken, _ALONE_OF_ONE_BOOT) or _lasts(t_ns, self._nearly[first.place], _ALONE)
+        if not alone:
             return self._neither(t_ns, fits)
         self._runs = [run for run in self._runs if run is first or run not in fits]
         first.sequence = unbroken.sequence
@@ -452,6 +460,10 @@ class Sources:
         """Return whether a run may be ours after it had lost its power while armed."""
         started_after = run.earliest_ns is not None and run.earliest_ns > ours.heard_ns
         return started_after and run.armed is False and t_ns - ours.heard_ns > _POWERLESS_NS
+
+
+def _lasts(t_ns: int, run: _Run, limits: Tuple[int, int]) -> bool:
+    return run.count >= limits[0] and t_ns - run.first_ns >= limits[1]
 
 
 def _same_boot(run: _Run, ours: _Run) -> bool:

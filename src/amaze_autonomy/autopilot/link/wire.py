@@ -179,9 +179,10 @@ class Wire:
         return [message for _, message in self.each(data, source, unix_ns) if message is not None]
 
     def each(self, data: bytes, source: Any = None, unix_ns: int = 0) -> Iterator[Tuple[Frame, Optional[Message]]]:
-        """Yield each good frame that these bytes complete, and its message; None: not wanted, or not well signed."""
+        """Yield each good frame that these bytes complete, well signed where there is a key; its message, if wanted."""
         for frame in self._reader(source).feed(data):
-            yield frame, self._message(frame, unix_ns)
+            if self.verifier is None or self.verifier.accepts(frame, unix_ns):
+                yield frame, self._message(frame)
 
     def send(self, message: Message, unix_ns: int = 0) -> bytes:
         """Return a message as bytes, signed when there is a key."""
@@ -203,10 +204,8 @@ class Wire:
             reader = self._readers[source] = FrameReader(self.tally)
         return reader
 
-    def _message(self, frame: Frame, unix_ns: int) -> Optional[Message]:
+    def _message(self, frame: Frame) -> Optional[Message]:
         if self._wanted is not None and frame.number not in self._wanted:
-            return None
-        if self.verifier is not None and not self.verifier.accepts(frame, unix_ns):
             return None
         return decode(frame)
 

@@ -19,6 +19,7 @@ UNREAD_NS = _S  # so long a landing waits for an empty socket: nobody knows what
 KEPT_NS, MODE_NS = _S, 6 * _S // 10  # what so long a time brings, a socket holds; a mode is said once in that time
 GROUND_NS = 700_000_000  # three of the stream's periods: older than that, ON_GROUND is no reason to disarm
 _RESTART_NS = _S  # the time since it was switched on goes back by more than that only where it was started again
+_PACE, _EXCHANGED_NS = 20, 60 * _S  # no simulator's time runs so much faster than ours: it is another autopilot
 _GAP_NS = 3 * _S  # after such a silence nobody agrees with what was said before it
 
 
@@ -67,14 +68,16 @@ class PowerOn:
     def add(self, t_ns: int, time_boot_ms: int) -> bool:
         """Take for how long a message says that it is on; return whether it was started again. 0 says nothing.
 
-        After a silence it may be on for longer than before it: then it is on for no longer than nothing was heard.
+        After a silence it may be on for longer than before it: then it is on for no longer than nothing was heard. One
+        that is on for very much longer was plugged in in its place, and nothing of the one before is its own.
         """
         if not time_boot_ms:
             return False
         on_ns = time_boot_ms * 1_000_000
         passed_ns, on_passed_ns = t_ns - self._said_ns, on_ns - self._on_ns
         anew = on_ns <= passed_ns and passed_ns - on_passed_ns > _RESTART_NS
-        again = self.since_ns is not None and (on_passed_ns < -_RESTART_NS or anew)
+        other = on_passed_ns > _PACE * passed_ns + _EXCHANGED_NS
+        again = self.since_ns is not None and (on_passed_ns < -_RESTART_NS or anew or other)
         self.starts += again
         self._on_ns, self._said_ns, self.since_ns = on_ns, t_ns, t_ns - on_ns
         return again

@@ -229,11 +229,12 @@ class VehicleState:
     def sequences(self, t_ns: int) -> Dict[str, int]:
         """Return the numbers of the reports that the health is from, by the fields of a status.
 
-        SYS_STATUS is numbered. GPS_RAW_INT is not: it comes as often as a status, and its silence has no number.
+        SYS_STATUS is numbered, and so is GPS_RAW_INT, apart from it; its silence has no number: each status tells it.
         """
         system = self.system.healthy(t_ns, SENSORS["gps"])
         by_bit = gps_by_its_bit(system=system, problem=self.gps.problem(t_ns))
-        return {"sensors_sequence": self.system.sequence, "gps_sequence": self.system.sequence if by_bit else 0}
+        gps = self.system.sequence if by_bit else self.gps.sequence(t_ns)
+        return {"sensors_sequence": self.system.sequence, "gps_sequence": gps}
 
     def status(self, t_ns: int) -> AutopilotStatus:
         """Return all of it as the engine takes it."""
@@ -460,6 +461,7 @@ class SystemStatus:
 
 
 _SATELLITES_UNKNOWN = 255
+_GPS_NUMBERS = 1 << 31  # from here on they are of GPS_RAW_INT
 _FIXES: Mapping[int, str] = {
     mavlink.GPS_FIX_TYPE_NO_GPS: "no GPS",
     mavlink.GPS_FIX_TYPE_NO_FIX: "no fix",
@@ -493,7 +495,7 @@ class Gps:
         self._time_usec: Optional[int] = None
         self._values: Tuple[int, ...] = ()
         self._satellites: Optional[float] = None
-        self.fix_type = 0
+        self.fix_type = self._count = 0
 
     def add(self, t_ns: int, message: Any, *, at_rest: bool = False) -> None:
         """Take a GPS_RAW_INT; a receiver at rest may say the same again and again, with new stamps."""
@@ -503,6 +505,7 @@ class Gps:
         if self._t_ns is None or message.time_usec != self._time_usec:
             self._stepped_ns = t_ns
         self._t_ns, self._values, self._time_usec = t_ns, values, message.time_usec
+        self._count += 1
         self.fix_type = int(message.fix_type)
         seen = int(message.satellites_visible)
         self._satellites = None if seen == _SATELLITES_UNKNOWN else float(seen)
@@ -526,6 +529,10 @@ class Gps:
         if still_ns > self._limits.frozen_limit_ns:
             return f"frozen: the same values for {still_ns / _S:.1f} s"
         return ""
+
+    def sequence(self, t_ns: int) -> int:
+        """Return the number of the last GPS_RAW_INT, none that a SYS_STATUS has; 0: it is silent."""
+        return _GPS_NUMBERS + self._count if self.age_s(t_ns) * _S <= self._limits.age_limit_ns else 0
 
     def age_s(self, t_ns: int) -> float:
         """Return the time since the last GPS_RAW_INT, infinite when there was none."""

@@ -239,7 +239,11 @@ class Unattended:
         if command is None or state.flight.active:
             self._again_ns = 0
             return None
-        if state.t_ns < self._again_ns or command not in available(Context(state, Tick(t_ns=state.t_ns), self._rules)):
+        context = Context(state, Tick(t_ns=state.t_ns), self._rules)
+        if state.t_ns < self._again_ns or command not in available(context):
             return None
+        over = context.stays_down() or context.unknown_for_long() or context.disarmed_for_long()
+        if state.state is State.PILOT and not over:
+            return None  # no single status ends what a pilot flies
         self._again_ns = state.t_ns + _AGAIN_NS
         return command

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import struct
+import time
 import zlib
 from math import isfinite
 from queue import Empty, SimpleQueue
@@ -145,6 +146,7 @@ def _finite(message: Any, plan: List[_Step]) -> bool:
 _log = logging.getLogger(__name__)
 _IDLE_S = 1.0
 _STALL_NS = _S // 10
+_REST_LIMIT_S, _REST_PAUSE_S = 0.05, 0.002
 
 #: Something for the watchdog's thread; gets the present time.
 Job = Callable[[int], None]
@@ -203,8 +205,17 @@ class WatchLoop:
             self._reader.wait(limit_s)
             now_ns = self._clock.now_ns()
             if now_ns - due_ns > _STALL_NS:
-                self._stalled(now_ns - due_ns, now_ns)
+                stall_ns = now_ns - due_ns
+                now_ns = self._read_the_rest()
+                self._stalled(stall_ns, now_ns)
             self._turn(now_ns)
+
+    def _read_the_rest(self) -> int:
+        """Read what publishers could not send meanwhile, a picture larger than a socket holds; return the time."""
+        until_s = time.monotonic() + _REST_LIMIT_S
+        while time.monotonic() < until_s and not self._stopped:
+            self._reader.wait(_REST_PAUSE_S)
+        return self._clock.now_ns()
 
     def _limit_s(self) -> float:
         """Return how long nothing has to be done unless something comes."""
@@ -258,6 +269,8 @@ class TopicWatch:
         self._contents: List[Tuple[str, TopicSpec]] = []
         self._stamps: List[Tuple[str, TopicSpec]] = []
         self._takers: List[Tuple[Type[Any], Look]] = []
+        self._said: List[Tuple[bool, int]] = []
+        self._flushed_ns: Optional[int] = None
 
     def use(self, component: str, spec: TopicSpec) -> None:
         """Count it for a component, and look at it as its specification asks."""
@@ -275,7 +288,15 @@ class TopicWatch:
         self.tally.wanted = ALL
 
     def flush(self, now_ns: int) -> None:
-        """Hand over what has come."""
+        """Hand over what has come; what waited here while this process did not run came one after the other."""
+        since_ns, self._flushed_ns = now_ns if self._flushed_ns is None else self._flushed_ns, now_ns
+        said, self._said = self._said, []
+        for number, (finite, digest) in enumerate(said, 1):
+            t_ns = since_ns + (now_ns - since_ns) * number // len(said)
+            for component, spec in self._contents:
+                self._watchdog.add_content(
+                    component, t_ns, finite=finite or not spec.finite, digest=digest, topic=spec.topic
+                )
         count = self.tally.take()
         if count:
             for component, spec in self._uses:
@@ -317,14 +338,9 @@ class TopicWatch:
 
     def _judge_content(self, content: MessageContent, data: memoryview) -> None:
         """Decode only for those that ask for numbers, and make a digest only for those that ask for changes."""
-        now_ns = self._clock.now_ns()
         finite = not any(spec.finite for _, spec in self._contents) or content.finite(data)
         changing = any(spec.unchanged_limit_ns is not None for _, spec in self._contents)
-        digest = content.digest(data) if changing else 0
-        for component, spec in self._contents:
-            self._watchdog.add_content(
-                component, now_ns, finite=finite or not spec.finite, digest=digest, topic=spec.topic
-            )
+        self._said.append((finite, content.digest(data) if changing else 0))
 
 
 # --- takeoff desk -----------------------------------------------------------------------------------------------------
