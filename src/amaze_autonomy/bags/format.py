@@ -19,9 +19,9 @@ import bz2
 import os
 import re
 import struct
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import lru_cache
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import lz4.frame
 
@@ -488,10 +488,8 @@ def read_at(file: int, size: int, place: int) -> bytes:
     Raises:
         BagError: Its storage does not give them.
     """
-    try:
+    with _naming(file, place):
         return os.pread(file, size, place)
-    except OSError as error:
-        raise _not_given(file, place, error) from error
 
 
 def read_into(file: int, buffers: Sequence[Any], place: int) -> int:
@@ -500,15 +498,19 @@ def read_into(file: int, buffers: Sequence[Any], place: int) -> int:
     Raises:
         BagError: Its storage does not give them.
     """
-    try:
+    with _naming(file, place):
         return os.preadv(file, buffers, place)
+
+
+@contextmanager
+def _naming(file: int, place: int) -> Iterator[None]:
+    """Say of which file, and where, a read has failed."""
+    try:
+        yield
     except OSError as error:
-        raise _not_given(file, place, error) from error
-
-
-def _not_given(file: int, place: int, error: OSError) -> BagError:
-    path = os.readlink(f"/proc/self/fd/{file}")
-    return BagError(path, f"cannot be read at byte {place:,} ({error.strerror})", "copy the disk and try there")
+        path = os.readlink(f"/proc/self/fd/{file}")
+        wrong = f"cannot be read at byte {place:,} ({error.strerror})"
+        raise BagError(path, wrong, "copy the disk and try there") from error
 
 
 # --- the data of chunks -----------------------------------------------------------------------------------------------
