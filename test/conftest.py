@@ -35,7 +35,7 @@ settings.load_profile(PROFILE)
 
 def pytest_report_header(config):
     thins = drawn.SEED and "not" in config.option.markexpr and "night" in config.option.markexpr
-    return f"of what takes long a third is tested, drawn by AMAZE_DRAW={drawn.SEED}" if thins else None
+    return f"of what takes long a quarter is tested, drawn by AMAZE_DRAW={drawn.SEED}" if thins else None
 
 
 @pytest.fixture

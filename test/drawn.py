@@ -1,6 +1,6 @@
-"""What a commit tests of what takes long: a third that it draws; the night has the others.
+"""What a commit tests of what takes long: a quarter that it draws; the night has the others.
 
-`./run test` sets AMAZE_DRAW to the name of the commit, so that the same commit draws the same, and each another third.
+`./run test` sets AMAZE_DRAW to the name of the commit: the same commit draws the same, and each another quarter.
 Without it, as with arguments (`./run test test/bags`), everything is tested.
 """
 
@@ -17,10 +17,10 @@ sys.path.append(str(Path(__file__).parent / "proof"))
 from proof_stories import STORIES
 
 SEED = os.environ.get("AMAZE_DRAW", "")
-OF = 3
+OF = 4
 
 # Whole flights, recordings and suites, a second of a processor each. Builds, and another Python
-# (HYPOTHESIS_PROFILE=few), have a third of everything.
+# (HYPOTHESIS_PROFILE=few), have a quarter of everything.
 DRAWN = {
     "autopilot": "client link_fuzz modes_and_ages planner_ardupilot planner_recorded sequencer vehicle_lies"
     " vehicle_recorded",
@@ -29,10 +29,13 @@ DRAWN = {
     "bags/recover": "recover scan",
     "cns": "flights sequencer served_planner",
     "config": "fuzz",
+    "nodes": "node_group web_page",
     "pages": "flight",
-    "replay": "beginning cli demo_bag flights journal_command light near_zero real_recordings run sensors_decide truth",
-    "replay/maps": "proposal",
-    "replay/recordings": "other_recordings telemetry",
+    "recording": "complete damaged job network_cut parts",
+    "replay": "beginning cli demo_bag determinism flights journal_command light near_zero real_recordings run"
+    " sensors_decide truth",
+    "replay/maps": "first_configuration proposal",
+    "replay/recordings": "export other_recordings status_tapes telemetry",
     "simulation": "cli run",
     "simulation/px4": "recordings soak",
     "simulation/vehicle": "vehicle_laws",
@@ -59,12 +62,12 @@ def _number(name: str, seed: str) -> int:
 
 
 def is_drawn(name: str, seed: str = SEED) -> bool:
-    """Return whether a seed draws what has this name: one of three; without a seed everything is."""
+    """Return whether a seed draws what has this name: one of four; without a seed everything is."""
     return not seed or _number(name, seed) % OF == 0
 
 
 def some_of(names: Sequence[str], seed: str = SEED) -> List[str]:
-    """Return the third of these names that a seed draws, at least one, in their order; without a seed all."""
+    """Return the quarter of these names that a seed draws, at least one, in their order; without a seed all."""
     count = -(-len(names) // OF) if seed else len(names)
     taken = set(sorted(names, key=lambda name: _number(name, seed))[:count])
     return [name for name in names if name in taken]

@@ -294,7 +294,8 @@ class Story:
         failed = [s for s in self.watchdog.components.values() if s.code > Code.NOMINAL and self._needed(s)]
         good = command.check is not CheckName.WATCHDOG or not failed
         row = Check(name=command.check.value, verdict=Verdict.PASS if good else Verdict.FAIL, advice="look at it")
-        said = {"outcome": outcome, "ok": good, "checks": (row,), **says}
+        listed = tuple(self.watchdog.components.values()) if command.check is CheckName.WATCHDOG else ()
+        said = {"outcome": outcome, "ok": good, "checks": (row,), "components": listed, **says}
         self.feed(ev.CheckReply, command_id=command.id, check=command.check, **said)
 
     def _needed(self, status: ev.ComponentStatus) -> bool:

@@ -405,8 +405,8 @@ def test_what_was_queued_is_not_flown_by_an_engine_that_was_told_to_end_and_is_s
     story.state = replace(story.state, queue=(ev.Mission(id="2"),))
     while story.planner.phase is not ev.MissionPhase.LANDING:
         story.after(0.1)
-    story.feed(ev.Shutdown, signal="SIGINT")
-    story.after(0.2).pass_dead(dead_s).look().feed(ev.EngineStarted, label="again", resumed=True)
+    story.look().feed(ev.Shutdown, signal="SIGINT")
+    story.after(0.2).pass_dead(dead_s).feed(ev.EngineStarted, label="again", resumed=True)
     assert "queue_dropped" in story.told
     story.until("MISSION_ENDED", limit_s=60.0).after(5.0)
     assert (story.state.session.result.value, story.state.queue) == ("COMPLETE", ())
@@ -428,6 +428,36 @@ def test_what_an_engine_goes_on_with_after_long_a_person_is_asked_about(place):
     assert story.user("retry")[0] == "DONE"
     story.after(30.0)
     assert "checks_passed" in story.rules_fired
+
+
+FOR_LONG = round(SHIPPED.limits.ready_limit_ns + S)
+AWAY = {
+    "its process stood": lambda story: story.feed(ev.Tick, away_ns=FOR_LONG),
+    "its simulation began anew": lambda story: story.feed(
+        ev.EngineStarted, label="again", resumed=True, away_ns=FOR_LONG
+    ),
+}
+
+
+@pytest.mark.parametrize("how", AWAY)
+@pytest.mark.parametrize("place", ["PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION"])
+def test_it_is_asked_about_too_where_the_clock_that_decides_has_not_seen_it(place, how):
+    """What came in meanwhile is read behind it, so no time is missing between two events."""
+    story = at(place)
+    story.state = replace(story.state, queue=(ev.Mission(id="2"),))
+    AWAY[how](story.look())
+    assert (story.place[0], story.state.queue) == ("OUTREACH", ())
+    story.look().after(60.0)
+    assert (story.place[0], story.motions) == ("OUTREACH", [])
+
+
+def test_a_flight_goes_on_that_an_engine_has_not_seen_for_long_and_nothing_behind_it():
+    story = Story(SHIPPED, Mission(id="1", files=2), Mission(id="2")).start().after(0.5).select()
+    story.until("MISSION", "flying").look()
+    story.feed(ev.Tick, away_ns=FOR_LONG)
+    story.expect("MISSION", "flying").until("MISSION_ENDED")
+    assert story.motions == []
+    assert "queue_dropped" in story.told
 
 
 @pytest.mark.parametrize("place", ["READY", "LOAD_MISSION"])

@@ -10,6 +10,7 @@ from engine_peers import S
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import AutopilotDisarm, Level, Notify
+from amaze_autonomy.monitoring.land_switch import LandRequests
 
 
 def test_repeated_at_2_hz_until_it_is_shown():
@@ -35,6 +36,15 @@ def test_what_asks_in_the_place_of_a_person_is_the_cause_of_the_landing():
     assert story.state.landing.cause == "the transmitter's land switch"
     told = [each.text for each in story.since if isinstance(each, Notify)]
     assert told == ["Landing as the transmitter's land switch says."]
+
+
+@pytest.mark.parametrize("place", ["START_RECORDING", "LOAD_MISSION", "MISSION touchdown"])
+def test_nothing_takes_off_against_a_switch_that_says_land(place):
+    story = at(place)
+    request = LandRequests(frozenset()).answer(story.state, story.now, on=True)
+    story.look().feed(ev.UserRequest, command=request.command, by=request.by)
+    story.until("MISSION_ENDED").after(10.0)
+    assert "TAKEOFF" not in story.motions
 
 
 def test_second_route_after_3_s_alarm_after_6_s_and_again_at_the_limit():
@@ -254,6 +264,36 @@ def test_after_the_planners_own_landing_it_is_disarmed_too():
     story.until("DATA_CLEANUP")
     assert [c for c in story.since if isinstance(c, AutopilotDisarm)]
     assert story.state.session.result.value == "COMPLETE"
+
+
+# --- an alarm ---------------------------------------------------------------------------------------------------------
+
+
+def test_an_alarm_is_shown_until_it_is_over_whatever_else_is_said():
+    story = at("MISSION flying")
+    story.vehicle.obeys = False
+    story.user("land")
+    story.after(10.0).fail("realsense_imu", 8)
+    story.after(1.0).back("realsense_imu")
+    story.after(5.0)
+    assert story.told[-1] != "land_alarm"
+    assert story.state.shown.key == "land_alarm"
+    story.vehicle.obeys = True
+    story.after(1.0)
+    assert story.state.shown.key == "land_shown"
+
+
+@pytest.mark.parametrize("alarm", ["stays_armed", "land_limit"])
+def test_an_alarm_that_no_sign_of_a_landing_ends_is_shown_until_it_has_landed(alarm):
+    story = _on_ground_armed()
+    story.after(125.0 if alarm == "land_limit" else 45.0)
+    assert story.state.shown.key == alarm
+    story.fail("realsense_imu", 8).say(landed=ev.VehicleLanded.LANDING).after(1.0)
+    assert story.state.shown.key == alarm
+    story.vehicle.says.clear()
+    story.disobeyed.clear()
+    story.until("DATA_CLEANUP")
+    assert story.state.shown.key == "data_cleanup"
 
 
 # --- sticky -----------------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from engine_story import Story
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import Level, LoadMission, Notify, StopRecording
 from amaze_autonomy.engine.events import Mission
+from amaze_autonomy.engine.guards import lost_of
 
 
 def legs(story: Story) -> List[Tuple[str, int, int]]:
@@ -88,6 +89,19 @@ def test_landed_without_the_last_waypoint_is_not_complete():
     story.planner.says.update(waypoint=2)
     story.until("DATA_CLEANUP", limit_s=40.0)
     assert story.state.session.result.value == "LANDED_EARLY"
+
+
+@pytest.mark.parametrize("files", [1, 2])
+@pytest.mark.parametrize("says", [{"waypoints": 0}, {"waypoint": 0, "waypoints": 0}])
+def test_a_planner_that_does_not_count_its_waypoints_has_flown_none(says, files):
+    """Zero is what a message says whose author has filled nothing in: no mission is complete, no other file taken."""
+    story = Story(SHIPPED, Mission(id="1", files=files)).start().after(0.5)
+    story.planner.says.update(says)
+    story.select().until("MISSION", "flying").after(0.5)
+    story.planner.phase = ev.MissionPhase.LANDING
+    story.vehicle.land()
+    story.until("MISSION_ENDED")
+    assert (story.state.session.result.value, story.motions.count("TAKEOFF")) == ("LANDED_EARLY", 1)
 
 
 def test_landed_of_the_planner_alone_is_not_landed():
@@ -282,6 +296,41 @@ def test_a_flight_is_complete_and_its_data_is_not_when_something_of_it_was_not_r
     assert story.state.shown.level is Level.ERROR
     assert "its data is INCOMPLETE" in story.state.shown.text
     assert story.told[-1] == "mission_ended_incomplete"
+
+
+def flies_on_behind_the_end(story):
+    story.vehicle.height, story.planner.flown_ns = 20.0, -(10**18)
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    story.landing_says = ev.Landed.ON_GROUND
+    story.planner.says.update(phase=ev.MissionPhase.LANDED, waypoint=3)
+    story.until("DATA_CLEANUP", limit_s=15.0)
+    story.landing_says = None
+    for each in (story.vehicle.says, story.planner.says):
+        each.clear()
+
+
+def is_given_up(story):
+    story.vehicle.height, story.planner.flown_ns, story.vehicle.obeys = 25.0, -(10**18), False
+    story.silent.append("autopilot")
+    story.after(9.0).user("acknowledge")
+    story.expect("DATA_CLEANUP")
+
+
+def is_given_up_and_heard_again(story):
+    is_given_up(story)
+    story.until("MISSION_ENDED").after(5.0).silent.clear()
+    story.vehicle.obeys = True
+    story.after(2.0).expect("LAND")
+
+
+@pytest.mark.parametrize("how", [flies_on_behind_the_end, is_given_up, is_given_up_and_heard_again])
+def test_data_that_ends_before_the_flight_is_not_complete_whatever_the_recorder_says(how):
+    story = at("MISSION flying").look()
+    how(story)
+    story.until("MISSION_ENDED", limit_s=100.0)
+    assert story.state.session.data_result.value == "INCOMPLETE"
+    assert story.told[-1] == "mission_ended_incomplete"
+    assert lost_of(story.state) == "what the vehicle flew on behind the end of the recording"
 
 
 def test_what_is_said_to_be_lost_before_the_data_is_complete_decides_nothing():

@@ -218,6 +218,26 @@ def test_what_is_not_required_is_flown_without(name, code):
     assert story.state.session.result.value == "COMPLETE"
 
 
+@pytest.mark.parametrize("listed", ["components", "checks"])
+def test_what_is_required_must_be_listed_by_a_watchdog_that_says_ready(listed):
+    """One of another make calls it by another name, or has never heard of it."""
+    story = Story(SHIPPED, Mission(id="1", required=("mission_camera", "lrf"))).start().after(0.5)
+    kinds = {
+        "components": lambda name: ev.ComponentStatus(name, Code.NOMINAL),
+        "checks": lambda name: Check(name, Verdict.PASS),
+    }
+    story.check_says["watchdog"] = {
+        "components": (),
+        "checks": (),
+        listed: tuple(map(kinds[listed], ("lrf", "camera"))),
+    }
+    story.select().until("OUTREACH")
+    assert "mission_camera: required, and not among what the watchdog lists" in story.state.shown.text
+    story.check_says["watchdog"][listed] += (kinds[listed]("mission_camera"),)
+    story.user("retry")
+    story.until("TAKEOFF")
+
+
 @pytest.mark.parametrize("name, code", [("imu", 16), ("barometer", 16)])
 def test_nothing_takes_off_with_what_it_would_land_for_even_if_it_is_not_required(name, code):
     story = Story(SHIPPED, Mission(id="1", required=("lrf",))).start().after(0.5).fail(name, code)

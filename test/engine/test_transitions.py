@@ -219,7 +219,7 @@ def taken_back_again_and_again(story: Story) -> None:
 
 def taken_back_for_good(story: Story) -> None:
     """The watchdog's check passes, but the info stream says code 2 of a required component."""
-    story.check_says["watchdog"] = {"ok": True, "checks": ()}
+    story.check_says["watchdog"] = {"ok": True, "checks": (), "components": ()}
     story.fail("gps", 2)
     story.select().after(70.0)
 

@@ -235,12 +235,40 @@ def test_who_has_it_landed_has_no_other_mission_flown_for_him(command, landing):
     assert "queue_dropped" in story.told
 
 
-def test_a_failure_leaves_the_queue_as_it_is():
-    story = in_mission()
+def lands_for_a_component(story):
+    story.fail("imu", 16).after(1.0).back("imu")
+
+
+def lands_what_seemed_over(story):
+    story.say(armed=False, landed=GROUND)
+    story.landing_says = ev.Landed.ON_GROUND
+    story.planner.says.update(phase=ev.MissionPhase.LANDED)
+    story.until("DATA_CLEANUP", limit_s=15.0)
+    story.landing_says, story.vehicle.height = None, 1.5
+    story.vehicle.says.clear()
+    story.planner.says.clear()
+    story.vehicle.armed, story.vehicle.landed, story.vehicle.mode = True, AIR, "AUTO.LAND"
+
+
+def lands_after_its_alarms(story):
+    story.vehicle.obeys, story.vehicle.speed = False, 0.0
+    story.silent.append("autopilot")
+    story.after(130.0).silent.clear()
+    story.vehicle.obeys = True
+
+
+@pytest.mark.parametrize("how", [lands_for_a_component, lands_what_seemed_over, lands_after_its_alarms])
+def test_behind_a_landing_of_ours_nothing_takes_off_though_the_mission_was_flown(how):
+    """At the last waypoint: the mission is complete, and whoever walks to the vehicle knows of no other one."""
+    story = at("MISSION flying")
     story.state = replace(story.state, queue=(ev.Mission(id="2"),))
-    story.fail("imu", 16)
-    story.after(0.5)
-    assert [mission.id for mission in story.state.queue] == ["2"]
+    while story.planner.phase is not ev.MissionPhase.LANDING:
+        story.after(0.1)
+    how(story.look())
+    story.after(150.0).expect("MISSION_ENDED")
+    assert story.state.session.result is Result.COMPLETE
+    assert "TAKEOFF" not in story.motions
+    assert "queue_dropped" in story.told
 
 
 # --- somebody else's flight after ours --------------------------------------------------------------------------------

@@ -70,4 +70,4 @@ def test_a_text_is_ascii_and_may_have_the_name_of_a_number():
 def test_a_class_that_may_hold_anything_has_no_form():
     assert form_of(Decision) is None
     assert form_of(events.MissionSelected) is None
-    assert form_of(events.Tick, (("kind", "event"),))(events.Tick(t_ns=5)) == '{"kind":"event","t_ns":5}'
+    assert form_of(events.Tick, (("kind", "event"),))(events.Tick(t_ns=5)) == '{"away_ns":0,"kind":"event","t_ns":5}'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.engine.events import Mission, UserCommand, UserRequest
-from amaze_autonomy.engine.state import EngineState, Flight, Session, State, evolve, put
+from amaze_autonomy.engine.state import EngineState, Flight, Session, State, Step, evolve, put
 from amaze_autonomy.monitoring.land_switch import LandRequests, LandSwitchMonitor, LandSwitchSpec
 
 S, MS = 1_000_000_000, 1_000_000
@@ -72,11 +72,27 @@ def test_it_counts_in_every_part_of_a_flight(state):
     assert LandRequests(frozenset()).answer(evolve(IN_FLIGHT, state=state), 5 * S, on=True) == land(5 * S)
 
 
-@pytest.mark.parametrize("state", [each for each in State if each not in (State.TAKEOFF, State.MISSION, State.HOLD)])
+FLIGHT, BEFORE = (State.TAKEOFF, State.MISSION, State.HOLD), (State.START_RECORDING, State.LOAD_MISSION)
+
+
+@pytest.mark.parametrize("state", BEFORE)
+def test_behind_the_go_it_calls_the_takeoff_off(state):
+    before = put(evolve(IN_FLIGHT, state=state), "flight.active", False)
+    asked = UserRequest(t_ns=5 * S, command=UserCommand.ABORT, by="the transmitter's land switch")
+    assert LandRequests(frozenset()).answer(before, 5 * S, on=True) == asked
+    assert LandRequests(frozenset({"1"})).answer(before, 5 * S, on=True) is None
+
+
+def test_between_two_files_it_ends_the_mission():
+    between = evolve(put(IN_FLIGHT, "flight.active", False), step=Step.TOUCHDOWN)
+    assert LandRequests(frozenset()).answer(between, 5 * S, on=True) == land(5 * S)
+
+
+@pytest.mark.parametrize("state", [each for each in State if each not in (*FLIGHT, *BEFORE)])
 def test_it_asks_for_nothing_elsewhere(state):
     assert LandRequests(frozenset()).answer(evolve(IN_FLIGHT, state=state), 5 * S, on=True) is None
 
 
-def test_it_asks_for_nothing_on_the_ground_nor_in_a_mission_without_it():
+def test_it_asks_for_nothing_of_what_seems_to_have_landed_nor_in_a_mission_without_it():
     assert LandRequests(frozenset()).answer(put(IN_FLIGHT, "flight.active", False), 5 * S, on=True) is None
     assert LandRequests(frozenset({"1"})).answer(IN_FLIGHT, 5 * S, on=True) is None

@@ -26,8 +26,17 @@ from amaze_autonomy.engine.commands import (
     MissionCommand,
     StopRecording,
 )
-from amaze_autonomy.engine.events import EngineStarted, Mission, Outcome, RecordingPhase, Reply, Shutdown, Tick
-from amaze_autonomy.engine.state import DataResult, EngineState, Flight, Result, Session, State
+from amaze_autonomy.engine.events import (
+    EngineStarted,
+    Mission,
+    Outcome,
+    RecordingPhase,
+    RecordingStatus,
+    Reply,
+    Shutdown,
+    Tick,
+)
+from amaze_autonomy.engine.state import DataResult, EngineState, Flight, Peers, Recording, Result, Session, State
 from amaze_autonomy.journal.report import MessageLog
 from amaze_autonomy.nodes.autonomy import ending as endings
 from amaze_autonomy.nodes.autonomy.ending import ENGINE_ENDED, Ended, Ending, Farewell, Pulse, first_reason, start_anew
@@ -253,6 +262,21 @@ def test_a_recorder_that_says_nothing_at_all_leaves_that_it_was_given_up():
     results = [Ended(Result.COMPLETE, LACKS, "test-001"), Ended(Result.COMPLETE, WHOLE, "test-002")]
     assert data_summary(results, EngineState()) == "test-001: given up"
     assert data_summary([], EngineState()) == ""
+
+
+@pytest.mark.parametrize(
+    "message, lost, flown_on, said",
+    [
+        ("verified", "", False, "verified"),
+        ("verified; lost: 2 s", "2 s", False, "verified; lost: 2 s"),
+        ("", "2 s", False, "2 s"),
+        ("verified", "", True, "verified; what the vehicle flew on behind the end of the recording"),
+    ],
+)
+def test_what_is_said_of_the_data_names_all_that_is_lost(message, lost, flown_on, said):
+    recorder = RecordingStatus(t_ns=1, session_id="s", phase=RecordingPhase.COMPLETE, message=message, lost=lost)
+    state = EngineState(peers=Peers(recorder=recorder), recording=Recording(flown_on=flown_on))
+    assert endings.said_of_data(state) == said
 
 
 def test_a_mission_that_is_ended_before_anything_is_recorded_is_not_flown():

@@ -142,7 +142,8 @@ def test_what_lay_in_the_sockets_while_it_was_stopped_is_stamped_with_when_it_ca
     for number in range(10):
         desk.send(detection, landed(), ago_s=1.82 - 0.2 * number)
         desk.send(watchdog, action(16 if number == 4 else 1, number), ago_s=1.92 - 0.2 * number)
-    events = desk.take()
+    first, *events = desk.take()
+    assert first == Tick(t_ns=stopped_ns, away_ns=2 * S), "before anything else is decided"
     times = [event.t_ns - stopped_ns for event in events]
     assert times == sorted(times)
     assert times == pytest.approx([(0.1 * (number + 1) - 0.01) * S for number in range(20)], abs=2)
@@ -170,9 +171,24 @@ def test_a_stop_at_any_reading_of_its_clocks_makes_nothing_later_than_it_came(de
         return found
 
     desk.clock.now_ns = desk.inbox._wall_ns = now_and_then_it_is_stopped
-    events = list(desk.inbox.wait(0.0))
+    events = [event for event in desk.inbox.wait(0.0) if not isinstance(event, Tick)]
     assert [event.t_ns for event in events] == pytest.approx([came_ns], abs=11 * MS)
     assert [event.age_ns for event in events] == pytest.approx([0], abs=11 * MS), "it would be stale"
+
+
+@pytest.mark.parametrize("stopped_s, told", [(0.3, False), (1.0, True), (3600.0, True)])
+def test_only_what_is_longer_than_a_moment_is_told(desk, stopped_s, told):
+    desk.take(0.01)
+    desk.clock.ns += round(stopped_s * S)
+    assert [event.away_ns for event in desk.take(0.0)] == ([round(stopped_s * S)] if told else [])
+
+
+def test_a_computer_that_slept_is_told_though_the_clock_that_decides_did_not_run(desk):
+    before_ns = desk.clock.ns
+    desk.take(0.01)
+    desk.inbox._wall_ns = lambda: desk.clock.ns + 3600 * S
+    (event,) = desk.inbox.wait(0.0)
+    assert (event.t_ns - before_ns < S, event.away_ns > 3599 * S) == (True, True)
 
 
 def test_a_clock_that_is_ahead_does_not_move_what_lay_in_the_sockets(desk):
@@ -182,7 +198,7 @@ def test_a_clock_that_is_ahead_does_not_move_what_lay_in_the_sockets(desk):
     desk.take(0.01)
     desk.clock.ns += S
     desk.send(autopilot, status, ago_s=0.5, ahead_s=0.15)
-    (event,) = desk.take()
+    _, event = desk.take()
     assert isinstance(event, AutopilotStatus)
     assert (desk.clock.ns - event.t_ns, event.age_ns) == (490 * MS, -140 * MS)
 
@@ -194,7 +210,7 @@ def test_nothing_came_before_the_last_look_nor_later_than_now(desk):
     desk.clock.ns += S
     desk.send(detection, landed(), ago_s=3.0)
     desk.send(detection, landed(), ahead_s=3.0)
-    early, late = desk.take()
+    _, early, late = desk.take()
     assert (desk.clock.ns - early.t_ns, early.age_ns) == (S, 2 * S), (
         "older than the time it was stopped for: it is stale"
     )

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import threading
+import time
 from dataclasses import replace
 from datetime import datetime, timezone
 from types import SimpleNamespace
@@ -161,6 +162,13 @@ def test_a_journal_without_an_end_is_found_with_its_events(tmp_path):
     found = found_in(Place(str(tmp_path)))
     assert (found.path, found.events, found.last_ns) == (tmp_path / "journal.jsonl", EVENTS, 9)
     assert found.header["hash"] == "hash"
+
+
+@pytest.mark.parametrize("ago_s", [3600, -3600])
+def test_how_long_nobody_wrote_it_is_told_by_the_wall_clock_whatever_was_done_to_that(tmp_path, ago_s):
+    write_journal(tmp_path)
+    os.utime(tmp_path / "journal.jsonl", (time.time() - ago_s,) * 2)
+    assert found_in(Place(str(tmp_path))).away_ns == pytest.approx(3600 * 10**9, abs=60 * 10**9)
 
 
 def test_a_run_that_ended_is_not_unfinished(tmp_path):

@@ -120,6 +120,8 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
         state.land_deferred,
         tuple([growths for _, _, growths in state.peers.loop_counters]),
         state.recording.asked,
+        state.recording.stopped,
+        state.recording.flown_on,
         state.peers.watchdog_started_ns is None or _age(state, caps, "peers.watchdog_started_ns"),
         _age(state, caps, "peers.heartbeat_ns"),
         _age(state, caps, "peers.autopilot_ns"),
@@ -376,6 +378,7 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         witness.answered,
         witness.disarmed_ns is None,
         witness.recording,
+        witness.flown_on,
         tuple([(name, min(caps["waited"], waited // UNIT)) for name, waited in witness.waited]),
         witness.load is not None and (witness.load.used, witness.load.outcome, witness.load.leg),
     )

@@ -117,7 +117,7 @@ def moves_of(node: Node, world: World) -> List[Tuple[Move, bool]]:
     if world.restart:
         found.append((("restart",), False))
     if world.away:
-        found.append((("away",), False))
+        found += [(("away",), False), (("stood",), False)]
     return found
 
 
@@ -496,6 +496,11 @@ def _away(_node: Node, _move: Move) -> Iterator[Any]:
     yield lambda _p, now, _w, _o: ev.EngineStarted(t_ns=now.t_ns + 3 * UNIT, label="proof", resumed=True)
 
 
+def _stood(_node: Node, _move: Move) -> Iterator[Any]:
+    """The process did not run for as long, and goes on: the first that it hears of is that."""
+    yield lambda _p, now, _w, _o: ev.Tick(t_ns=now.t_ns, away_ns=3 * UNIT)
+
+
 def _start(_node: Node, _move: Move) -> Iterator[Any]:
     yield lambda _p, now, _w, _o: ev.EngineStarted(t_ns=now.t_ns + UNIT, label="proof")
 
@@ -547,6 +552,7 @@ _SCRIPTS: Dict[str, Callable[[Node, Move], Iterator[Any]]] = {
     "shutdown": _shutdown,
     "silence": _silence,
     "start": _start,
+    "stood": _stood,
     "truth": _truth,
     "user": _user,
     "user_later": _user_later,

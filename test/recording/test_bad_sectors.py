@@ -24,9 +24,9 @@ def bad_sector(monkeypatch):
     bad = {}
 
     def refuse(file, place, size):
-        begin = bad.get(os.fstat(file).st_ino)
+        begin, why = bad.get(os.fstat(file).st_ino, (None, 0))
         if begin is not None and place < begin + 512 and place + size > begin:
-            raise OSError(errno.EIO, os.strerror(errno.EIO))
+            raise OSError(why, os.strerror(why))
 
     pread, preadv, opened = os.pread, os.preadv, Path.open
 
@@ -51,9 +51,9 @@ def bad_sector(monkeypatch):
     monkeypatch.setattr(os, "preadv", preadv_)
     monkeypatch.setattr(Path, "open", open_)
 
-    def spoil(path, place):
+    def spoil(path, place, why=errno.EIO):
         size = path.stat().st_size
-        bad[path.stat().st_ino] = place % size // 512 * 512
+        bad[path.stat().st_ino] = place % size // 512 * 512, why
 
     return spoil
 
@@ -85,6 +85,16 @@ def test_a_file_with_a_bad_sector_is_a_loss_and_all_others_are_merged(session, b
     rest = session / "main" / "states-02.bag", session / "second" / "realsense-01.bag"
     assert multiset(session / "s1_m.bag") == multiset(*rest)
     assert lost.exists()
+
+
+def test_of_one_that_may_not_be_read_nobody_is_told_to_copy_a_disk(session, bad_sector):
+    """Whose recorder ran as another user; as root every file may be read."""
+    path = session / "main" / "states-01.bag"
+    bad_sector(path, 0, errno.EACCES)
+    entry = close_parts(session / "main", FACTS)["files"][0]
+    assert (entry["unreadable"], entry["problem"]) == (
+        True, f"{path}: cannot be read (Permission denied); mend that and retry",
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("place", PLACES)

@@ -35,7 +35,7 @@ AT_ONCE = 6 * (os.cpu_count() or 1)
 AGAIN = "flown_again.log"  # in ROS_HOME; `./run test-ros` shows it
 BUSY_FRACTION = 0.2  # of the processors' time: where less than that is idle, processes wait for each other
 _QUICK = bool(os.environ.get("AMAZE_QUICK"))
-"""`./run test-ros quick`: without those for the night; within `./run test` a third of the others."""
+"""`./run test-ros quick`: without those for the night; within `./run test` a quarter of the others."""
 _starting = threading.Semaphore(2)
 
 

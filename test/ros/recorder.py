@@ -15,6 +15,7 @@ import shutil
 import signal
 import struct
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -32,6 +33,9 @@ from one_node import wait_for, wait_for_end, wait_for_service
 from stack import Stack, TestConfiguration
 from std_msgs.msg import String
 
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from drawn import is_drawn
+
 from amaze_autonomy import msg, srv
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.recording import Recording
@@ -46,6 +50,7 @@ PLATFORMS = ("main", "second")
 UMASKS = {"main": PERMISSIVE, "second": DEFAULT}  # of who starts the node of each
 OTHER_PEERS = "watchdog,landing_detection,state_estimation,autopilot,mission_planner"  # than the recorder
 RATE_HZ = 200
+ANOTHER_TIME = "the night has it, and each commit draws another quarter (test/drawn.py)"
 CUTS = int(os.environ.get("AMAZE_CUTS", "3"))
 LOST_BY_A_CUT_S = 1.5
 LZ4_CHUNK_BYTES = 64 * 1024  # what a chunk holds before it is compressed (docs/configuration.md, chunk_kb)
@@ -495,8 +500,8 @@ class TestRecorder(unittest.TestCase):
         make_room(folder)
         self.assertTrue(recorders.ask("stop").accepted)
         status = recorders.wait_phase(PHASE.COMPLETE)
-        self.assertEqual([holes(recorders.received(each)) for each in PLATFORMS], [[], []])
         self.assertEqual([*seconds_lost(status.lost, "the storage was full")], ["main/one", "second/two"])
+        self.assertEqual([holes(recorders.received(each)) for each in PLATFORMS], [[], []], recorders.log()[-4000:])
         self.assertIn(f"verified; lost: {status.lost}", status.message)
         print(
             f"full at {sum(part.stat().st_size for part in parts) / 1e6:.0f} MB; after space was made: {status.message}"
@@ -579,6 +584,7 @@ class TestRecorder(unittest.TestCase):
         print(f"{CUTS} power cuts, two bags each: lost {words} s (limit {LOST_BY_A_CUT_S} s)")
         self.assertLess(max(lost_s), LOST_BY_A_CUT_S, words)
 
+    @unittest.skipUnless(is_drawn("cut of a slow group"), ANOTHER_TIME)
     def test_of_a_group_with_a_message_a_second_a_power_cut_takes_the_last_one_too(self) -> None:
         """Rosbag hands the end of a message to the kernel when the next one of its bag comes."""
         cuts = max(1, CUTS // 3)
@@ -586,6 +592,7 @@ class TestRecorder(unittest.TestCase):
         print(f"{cuts} power cuts, two bags each with a message of 25 bytes a second: lost {lost} messages")
         self.assertLessEqual(max(lost), MESSAGES_LOST_BY_A_CUT, lost)
 
+    @unittest.skipUnless(is_drawn("cut of a compressed bag"), ANOTHER_TIME)
     def test_of_a_compressed_bag_a_power_cut_takes_the_chunk_that_is_open_too(self) -> None:
         cuts = max(1, CUTS // 3)
         lost = self.lost_by_cuts("lz4", cuts, size=400, compression="lz4", at_least_s=3.0)  # some chunks are closed

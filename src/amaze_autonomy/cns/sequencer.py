@@ -34,6 +34,7 @@ _HEADING_AGE_NS = _S
 _LEAST_FLIGHT_NS = 60 * _S
 _SLOWER = 2  # so many times as long as was estimated a leg, or a landing, may take
 _COMES_NS = 3 * _S  # without a publisher of answers, after this process has begun
+_NOT_HEARD = ((0.0, 0.0, 0.0), 0.0, 0.0)  # all waypoints of a recording, as one
 _SAYS_NS = _S  # after an answer of its sequencer what that has changed is in a status of the vehicle
 _LAST_ID = 255
 _P = MissionPhase
@@ -148,6 +149,7 @@ class Sequencer(Peer):
             id=0, limit_ns=1, session_id=session_id, mission_id=str(mission_id), file_index=0, repetition=0
         )
         self._id, self._phase, self._message = mission_id, phase, ""
+        self._points, self._reached = (_NOT_HEARD,), 0
 
     def turn(self, t_ns: int, heading_rad: float) -> None:
         """Take the vehicle's heading, counter-clockwise from east."""
@@ -390,6 +392,8 @@ class Sequencer(Peer):
             if self._plan() is not None:  # in a recording others ask
                 self._land_until_ns = self._heard_ns + self._reply_ns()
                 self._land_repeated = self._land_refused_once = False
+            else:
+                self._reached = len(self._points)
 
     def _held(self) -> None:
         if self._phase in (_P.TAKING_OFF, _P.FLYING):

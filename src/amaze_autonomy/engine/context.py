@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, FrozenSet, List, Mapping, Optional, Tuple
 
-from .commands import MESSAGES, Command, MissionAction, Notify, Request, Value, Values
+from .commands import MESSAGES, Command, Level, MissionAction, Notify, Request, Value, Values
 from .events import (
     AutopilotStatus,
     Event,
@@ -22,7 +22,7 @@ from .events import (
     VehicleLanded,
 )
 from .rules import Limits, Rules
-from .state import Asked, EngineState, evolve
+from .state import Asked, EngineState, State, evolve
 
 # --- modes ------------------------------------------------------------------------------------------------------------
 # Which flight modes of the PX4 are the answer to which command of ours (rule 4 of DESIGN.md: never fight the pilot).
@@ -203,14 +203,21 @@ class Context:
             self.set(queue=())
 
     def notify(self, key: str, **values: object) -> None:
-        """Tell the user by an entry of the table of messages; ignore the empty key."""
+        """Tell the user by an entry of the table of messages, if any; an alarm stays shown while it stands."""
         if not key:
             return
         entry = MESSAGES[key]
         text, advice = (words.format(**values).rstrip() for words in (entry.text, entry.advice))
         told = Notify(level=entry.level, key=key, text=text, advice=advice)
-        self.set(shown=told)
+        if told.level is Level.ALARM or not self._alarms(until=key):
+            self.set(shown=told)
         self.commands.append(told)
+
+    def _alarms(self, until: str) -> bool:
+        """Return True while a vehicle is landed under an alarm that a message does not end."""
+        shown = self.state.shown
+        under_alarm = self.state.state is State.LAND and shown.level is Level.ALARM
+        return under_alarm and until not in MESSAGES[shown.key].until
 
     # --- the vehicle, as far as it is known freshly -------------------------------------------------------------------
 

@@ -230,6 +230,7 @@ def land(context: Context) -> None:
     if state.landing.since_ns is None:
         context.put("landing", since_ns=context.now, cause=state.cause)
         context.put("flight", user_hold_ns=None)
+        drop_queue(context)  # whoever had the next mission in mind did not know of this
         if state.flight.commanded and mission_flown(context) is not None:  # not of one that is taken up after its end
             context.put("session", result=Result.COMPLETE)  # its last waypoint was flown, whoever ends the landing
     late = passed("land_second_route_after", context.state, context.rules, context.now)
@@ -292,6 +293,7 @@ def disarm(context: Context) -> None:
 
 def give_up_landing(context: Context) -> None:
     """Take what is heard of the vehicle from now on as after a start: in the air, it is landed."""
+    context.put("recording", flown_on=not context.disarmed_for_long())
     context.set(armed_at_start=None)
     context.put("vehicle", down=None, aloft=None, motors=None, disarmed=None, spinning=None)
 
@@ -325,7 +327,7 @@ def clean_up(context: Context) -> None:
     limit_ns = context.limits.command_reply_limit_ns
     request = context.send(StopRecording(id=context.take_id(), limit_ns=limit_ns, session_id=state.session.id))
     failed = state.peers.recorder is not None and state.peers.recorder.phase is RecordingPhase.FAILED
-    context.put("recording", request=request, progressed=not failed)
+    context.put("recording", request=request, progressed=not failed, stopped=True)
 
 
 def end_mission(context: Context) -> None:

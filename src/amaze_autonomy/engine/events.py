@@ -326,7 +326,13 @@ def made(kind: Type[E], **fields: Any) -> E:
 
 @dataclass(frozen=True)
 class Tick(Event):
-    """Time has passed: the shell wakes the engine at its next deadline."""
+    """Time has passed: the shell wakes the engine at its next deadline, and first of all after it did not run.
+
+    Args:
+        away_ns: for how long it did not, the time in which the computer slept included.
+    """
+
+    away_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -336,10 +342,12 @@ class EngineStarted(Event):
     Args:
         label: prefix of session ids, made from the wall time by the shell, e.g. "20261121T101500".
         resumed: a journal was open; its events were decided again before this one.
+        away_ns: since when that was written last, on a clock that neither a new simulation nor a sleep stops.
     """
 
     label: str = "session"
     resumed: bool = False
+    away_ns: int = 0
 
 
 @dataclass(frozen=True)

@@ -274,7 +274,7 @@ def file_done(context: Context) -> Optional[Seen]:
     planner, down = context.state.peers.planner, touched_down(context)
     if down is None or planner is None or planner.phase is not MissionPhase.LANDED:
         return None
-    last = planner.waypoint >= planner.waypoints
+    last = 0 < planner.waypoints <= planner.waypoint  # of none it has flown none, whatever ended it
     return holds_if(last, *down.values, Value("waypoint", planner.waypoint, planner.waypoints))
 
 

@@ -14,7 +14,7 @@ from .context import Context
 from .events import CHECKS, Check, MissionPhase, Outcome, RecordingPhase, UserCommand, Verdict, checks_of
 from .failsafe import FAILSAFE_CONDITIONS, clocks_words, proves_recording, severity_of
 from .rules import SEVERITIES, Action, action_of
-from .state import CheckRecord, ClockApart, OutreachKind, Result, evolve
+from .state import CheckRecord, ClockApart, EngineState, OutreachKind, Result, evolve
 from .timers import passed, time_of
 from .update import lacking
 
@@ -195,11 +195,16 @@ def data_complete(context: Context) -> Optional[Seen]:
 
 
 def data_lost(context: Context) -> Optional[Seen]:
-    """What was recorded is merged and verified, but the recorder names what of the flight is not in it."""
-    recorder, complete = context.state.peers.recorder, data_complete(context)
-    if complete is None or recorder is None or not recorder.lost:
-        return None
-    return Seen((*complete.values, Value("lost", recorder.lost)))
+    """What was recorded is merged and verified, but the recorder, or the vehicle, tells what is not in it."""
+    complete, lost = data_complete(context), lost_of(context.state)
+    return Seen((*complete.values, Value("lost", lost))) if complete is not None and lost else None
+
+
+def lost_of(state: EngineState) -> str:
+    """Return what of the flight was not recorded, as far as recorder and engine know; empty: nothing."""
+    said = state.peers.recorder.lost if state.peers.recorder is not None else ""
+    behind = "what the vehicle flew on behind the end of the recording" if state.recording.flown_on else ""
+    return "; ".join(filter(None, (said, behind)))
 
 
 _NOT_STOPPED = (RecordingPhase.IDLE, RecordingPhase.STARTING, RecordingPhase.RECORDING)

@@ -336,6 +336,8 @@ class Recording:
         since_ns: since when files grow on every platform.
         progressed: the recorder has said something else than FAILED since it was asked.
         over: the session has ended.
+        stopped: it was asked to stop.
+        flown_on: the vehicle flew on behind that, or nobody knows that it did not.
         location: of the data.
     """
 
@@ -344,6 +346,8 @@ class Recording:
     since_ns: Optional[int] = None
     progressed: bool = False
     over: bool = False
+    stopped: bool = False
+    flown_on: bool = False
     location: str = ""
 
 

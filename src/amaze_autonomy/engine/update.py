@@ -6,7 +6,7 @@ that is too old or claims to come from the future, a heartbeat whose loop counte
 
 from __future__ import annotations
 
-from typing import Callable, Dict, Iterable, Optional, Tuple, Type
+from typing import Callable, Dict, Iterable, Optional, Tuple, Type, Union
 
 from .context import (
     FLYING_MODES,
@@ -37,6 +37,7 @@ from .events import (
     RecordingStatus,
     Reply,
     Shutdown,
+    Tick,
     VehicleLanded,
     WatchdogAction,
     WatchdogInfo,
@@ -56,7 +57,7 @@ _IDLE = (MissionPhase.IDLE, MissionPhase.LOADED, MissionPhase.LANDED)
 
 def update(context: Context) -> None:
     """Put what the event says into the state."""
-    if isinstance(context.event, EngineStarted):
+    if isinstance(context.event, (EngineStarted, Tick)):
         _leave_to_a_person(context, context.event)
     context.set(t_ns=context.now)
     _expire_checks(context)
@@ -114,19 +115,21 @@ def _follow(old: Optional[Agreement], now_ns: int, *, says: bool) -> Optional[Ag
     return Agreement(now_ns, now_ns) if old is None else Agreement(old.since_ns, now_ns, 2)
 
 
-def _leave_to_a_person(context: Context, event: EngineStarted) -> None:
+def _leave_to_a_person(context: Context, event: Union[EngineStarted, Tick]) -> None:
     """Leave to a person what else is flown, where the engine was told to end, or was away for long."""
-    state = context.state
-    if event.resumed and (state.shutting_down or context.now - state.t_ns > context.limits.ready_limit_ns):
+    state, away_ns, told_to_end = context.state, event.away_ns, False
+    if isinstance(event, EngineStarted) and event.resumed:
+        away_ns, told_to_end = max(away_ns, context.now - state.t_ns), state.shutting_down
+    if told_to_end or away_ns > context.limits.ready_limit_ns:
         context.put("preflight", away=True)
         context.drop_queue()
-    if not state.flight.active:
-        context.signal = ""  # it was meant for the process before; where that flew, it is landed
-        context.set(signal="")
 
 
 def _engine_started(context: Context, event: EngineStarted) -> None:
     state = context.state
+    if not state.flight.active:
+        context.signal = ""  # it was meant for the process before; where that flew, it is landed
+        context.set(signal="")
     armed = state.armed_at_start if state.sessions or state.state is not State.MISSION_INPUT else None
     context.set(label=event.label, started_ns=context.now, armed_at_start=armed, shutting_down=False)
     if not event.resumed:
@@ -228,11 +231,9 @@ def _check_reply(context: Context, event: CheckReply) -> None:
         return
     answered = answer_of(current[0], event, context.now)
     watches = CHECKS[event.check].watches
-    lacks = lacking(context.state.session.mission, event.components) if watches else None
-    if answered.ok and lacks is not None:
-        answered = evolve(
-            answered, ok=False, message=f"{lacks.name} is at code {int(lacks.code)}, although it says ready"
-        )
+    if answered.ok and watches:
+        lacks = _disproves(context.state.session.mission, event)
+        answered = evolve(answered, ok=not lacks, message=lacks or answered.message)
     context.put("preflight", checks=tuple(answered if r is current[0] else r for r in records))
     if watches and event.outcome is Outcome.ACCEPTED and context.state.peers.watchdog_started_ns is None:
         context.put("peers", watchdog_started_ns=context.now)
@@ -256,6 +257,16 @@ def answer_of(record: CheckRecord, event: CheckReply, now_ns: int) -> CheckRecor
         until_ns=event.until_ns,
         message=message,
     )
+
+
+def _disproves(mission: Optional[Mission], event: CheckReply) -> str:
+    """Return what contradicts a watchdog that says ready, or is missing in what it lists; empty: nothing."""
+    lacks = lacking(mission, event.components)
+    if lacks is not None:
+        return f"{lacks.name} is at code {int(lacks.code)}, although it says ready"
+    listed = {each.name for each in event.components} | {each.name for each in event.checks}
+    unlisted = [name for name in (mission.required if mission is not None else ()) if name not in listed]
+    return f"{', '.join(unlisted)}: required, and not among what the watchdog lists" if unlisted else ""
 
 
 def lacking(mission: Optional[Mission], components: Tuple[ComponentStatus, ...]) -> Optional[ComponentStatus]:
@@ -553,6 +564,8 @@ def _remember_flight(context: Context) -> None:
         context.put("session", flown=True)
     elif armed and not state.flight.was_armed:
         context.put("flight", was_armed=True)
+    if airborne and state.recording.stopped:
+        context.put("recording", flown_on=True)
 
 
 def _goes_on(context: Context) -> bool:

@@ -149,11 +149,11 @@ def one_takeoff_for_each_load(m: Moment) -> Verdict:
     return "this file was taken off with before" if m.saw.load.used else True
 
 
-@law("5 resume", "An engine that was away for long, or told to end, records and takes off when a person asks for it.")
-def a_person_asks_after_long(m: Moment) -> Verdict:
+@law("5 resume", "An engine that was away for long, told to end, or has landed, takes off when a person asks for it.")
+def a_person_asks(m: Moment) -> Verdict:
     if A.TAKEOFF not in m.motions and not m.sent(StartRecording):
         return None
-    return "nobody has asked for it since the engine was away, or was told to end" if m.was.unasked else True
+    return "nobody has asked for it since the engine was away, was told to end, or landed" if m.was.unasked else True
 
 
 # --- data and restarts ------------------------------------------------------------------------------------------------
@@ -170,8 +170,9 @@ def recordings_end(m: Moment) -> Verdict:
     said = m.saw.recorder.phase if m.saw.recorder is not None else None
     if m.saw.recording == "complete" or said is ev.RecordingPhase.COMPLETE:
         lost = m.saw.recorder.lost if m.saw.recorder is not None else ""
+        lost = lost or ("what was flown on" if m.was.flown_on else "")
         kept_quiet = lost and m.after.session.data_result is DataResult.COMPLETE
-        return f"the data is COMPLETE, and the recorder says that it lacks {lost}" if kept_quiet else True
+        return f"the data is COMPLETE, and it lacks {lost}" if kept_quiet else True
     if m.saw.recording in ("named", "stopped") and m.after.session.data_result is DataResult.INCOMPLETE:
         return True
     return f"the recording is {m.saw.recording}, and it is {m.after.state.value}"
@@ -325,7 +326,7 @@ def complete_is_complete(m: Moment) -> Verdict:
         return None
     planner, mission, load = m.saw.planner, m.before.session.mission, m.saw.load
     ends = planner is not None and planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
-    if planner is None or not ends or planner.waypoint < planner.waypoints:
+    if planner is None or not ends or not 0 < planner.waypoints <= planner.waypoint:
         return "the planner does not say that the last waypoint is done"
     if m.before.session.result is not Result.NONE:
         return "it had ended otherwise before"

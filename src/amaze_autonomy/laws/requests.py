@@ -180,7 +180,7 @@ def _is_noise(m: Moment) -> bool:
 
 @law("3", "One moment is decided once: the same moment again changes nothing.", always=True)
 def a_moment_is_decided_once(m: Moment) -> Verdict:
-    if not isinstance(m.event, ev.Tick) or m.event.t_ns > m.before.t_ns:
+    if not isinstance(m.event, ev.Tick) or m.event.t_ns > m.before.t_ns or m.event.away_ns:
         return None
     return True if m.commands == () and m.before == m.after else "the engine had not come to rest"
 

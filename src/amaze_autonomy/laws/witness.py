@@ -28,6 +28,7 @@ from amaze_autonomy.engine.state import EngineState, State, Step, evolve
 _SECOND = 1_000_000_000
 _FLIES = (ev.VehicleLanded.TAKING_OFF, ev.VehicleLanded.IN_AIR, ev.VehicleLanded.LANDING)
 _FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD, State.LAND, State.PILOT)
+_BEHIND = ("stopped", "named", "complete")  # what the recording is once it was told to end
 
 
 class Asked(NamedTuple):
@@ -112,6 +113,7 @@ class Witness:
     mode_before: str = ""
     disarmed_ns: Optional[int] = None
     recording: str = "none"
+    flown_on: bool = False
     user_hold: bool = False
     waited: Tuple[Tuple[str, int], ...] = ()
     started_ns: int = 0
@@ -265,10 +267,18 @@ def _autopilot(
         changes["flight"] = "none"
     if witness.flight == "commanded" and event.armed is True:
         changes["flight"] = "armed"
+    _in_the_air(witness, event, changes, state)
+
+
+def _in_the_air(witness: Witness, event: Any, changes: Dict[str, Any], state: EngineState) -> None:
+    """Note whether it flies, and whether it does behind the end of its recording."""
     flies = event.landed in _FLIES
     changes["aloft"] = witness.aloft + 1 if flies else 0
     if flies and (witness.flight != "none" or (event.armed is True and state.state is State.LAND)):
         changes.update(flight="armed", airborne=witness.airborne or witness.aloft > 0)  # one status is not believed
+    ours = state.state is State.LAND and event.armed is True
+    if ours and flies and witness.aloft > 0 and witness.recording in _BEHIND:
+        changes["flown_on"] = True
 
 
 def _flown(witness: Witness, mode: str, changes: Dict[str, Any], state: EngineState) -> None:
@@ -469,7 +479,8 @@ def _started(
     witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState, limits: Limits
 ) -> None:
     """A new process has heard nobody yet: silence is counted from its start, and what was said before is not known."""
-    if event.resumed and (witness.shutting_down or now - witness.now > limits.ready_limit_ns):
+    away_ns = max(event.away_ns, now - witness.now)
+    if event.resumed and (witness.shutting_down or away_ns > limits.ready_limit_ns):
         changes["unasked"] = True
     changes.update(started_ns=now, shutting_down=False, rested=2 if witness.rested > 1 and state.sessions else 0)
     if event.resumed:
@@ -495,6 +506,13 @@ def _asks(_witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_:
         changes["unasked"] = False
 
 
+def _tick(
+    _witness: Witness, event: Any, _now: int, changes: Dict[str, Any], _state: EngineState, limits: Limits
+) -> None:
+    if event.away_ns > limits.ready_limit_ns:
+        changes["unasked"] = True
+
+
 def _clock(_witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: Any) -> None:
     changes["stalled_s"] = event.stalled_s
 
@@ -510,6 +528,7 @@ _READ: Dict[type, Any] = {
     ev.RecordingStatus: _recorder,
     ev.Reply: _reply,
     ev.Shutdown: _shutdown,
+    ev.Tick: _tick,
     ev.UserRequest: _asks,
     ev.WatchdogAction: _action,
     ev.WatchdogInfo: _info,
@@ -543,7 +562,7 @@ def _shown(witness: Witness, after: EngineState, changes: Dict[str, Any]) -> Non
         changes["session"] = after.session.id
         changes.update(planner=None, idle_ns=None, recorder=None, growing_ns=None, load=None)
         if after.session.id:
-            changes["recording"] = "none"
+            changes.update(recording="none", flown_on=False)
     if after.state is State.HOLD and after.flight.user_hold_ns is not None:
         if not witness.user_hold:
             changes["user_hold"] = True
@@ -572,7 +591,7 @@ def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
             changes.update(landing=True, land_ns=witness.now, second=False)
             if witness.flight == "none":  # ours again: who seemed to have it before does not count
                 changes.update(flight="armed", taken=0)
-        changes["sent_ns"] = witness.now
+        changes.update(sent_ns=witness.now, unasked=True)
 
 
 def _check(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import FrozenSet, Optional
 
 from amaze_autonomy.engine.events import UserCommand, UserRequest
-from amaze_autonomy.engine.state import EngineState, State
+from amaze_autonomy.engine.state import EngineState, State, Step
 
 _S = 1_000_000_000
 _AGAIN_NS = _S  # a request that came too late for its state is made again
 _NAME = "the transmitter's land switch"
 _IN_FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD)
+_BEFORE_TAKEOFF = (State.START_RECORDING, State.LOAD_MISSION)
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,19 @@ class LandRequests:
 
     def answer(self, state: EngineState, t_ns: int, *, on: bool) -> Optional[UserRequest]:
         """Return what is to be asked of the engine now; None: nothing."""
-        mission = state.session.mission
-        flies = state.flight.active and state.state in _IN_FLIGHT
-        if not on or not flies or mission is None or mission.id in self._without:
+        mission, command = state.session.mission, _asked_in(state)
+        if not on or command is None or mission is None or mission.id in self._without:
             self._again_ns = 0
             return None
         if t_ns < self._again_ns:
             return None
         self._again_ns = t_ns + _AGAIN_NS
-        return UserRequest(t_ns=t_ns, command=UserCommand.LAND, by=_NAME)
+        return UserRequest(t_ns=t_ns, command=command, by=_NAME)
+
+
+def _asked_in(state: EngineState) -> Optional[UserCommand]:
+    """Return what a switch that says land asks for: behind the go and between two files that nothing takes off."""
+    if state.state in _BEFORE_TAKEOFF:
+        return UserCommand.ABORT
+    flies = state.flight.active and state.state in _IN_FLIGHT
+    return UserCommand.LAND if flies or state.step is Step.TOUCHDOWN else None

@@ -9,6 +9,7 @@ A file of which nothing can be read is a loss that is told, and hinders no other
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 from contextlib import contextmanager, nullcontext, suppress
@@ -435,7 +436,8 @@ def _entry(path: Path, told: Mapping[str, Any]) -> Dict[str, Any]:
     try:
         sha256 = sha256_of(path)
     except OSError as error:
-        problem = f"{path}: cannot be read ({error.strerror}); {_COPY}"
+        remedy = _COPY if error.errno == errno.EIO else "mend that and retry"
+        problem = f"{path}: cannot be read ({error.strerror}); {remedy}"
         return {"file": path.name, "bytes": size, "open": True, "unreadable": True, "lost": None, "problem": problem}
     if path.name.endswith(".bag"):
         with suppress(BagError), Index(path) as index:  # of one that cannot be recovered here nobody knows

@@ -50,6 +50,11 @@ class Clock(abc.ABC):
         """Show the present after the process did not run; may wait for tens of milliseconds."""
 
 
+def boot_ns() -> int:
+    """Return nanoseconds since the system started, the time in which it slept included."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
+
 class MonotonicClock(Clock):
     """The system's monotonic clock decides; the system's wall clock stamps."""
 

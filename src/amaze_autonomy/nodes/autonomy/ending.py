@@ -21,6 +21,7 @@ from typing import Callable, Dict, List, NamedTuple, Tuple
 
 from amaze_autonomy.engine.commands import AutopilotLand, Command, MissionAction, MissionCommand
 from amaze_autonomy.engine.events import Event, Outcome, Reply, Shutdown
+from amaze_autonomy.engine.guards import lost_of
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.ros.node_main import say_last_words
@@ -97,9 +98,10 @@ class Ended(NamedTuple):
 
 
 def said_of_data(state: EngineState) -> str:
-    """Return what the recorder says of a recording; one that says no more than what was lost, that."""
+    """Return what the recorder says of a recording; what it does not say of what was lost, that too."""
     recorder = state.peers.recorder
-    return "" if recorder is None else recorder.message or recorder.lost
+    said, lost = recorder.message if recorder is not None else "", lost_of(state)
+    return said if lost in said else "; ".join(filter(None, (said, lost)))
 
 
 class Ending:

@@ -36,7 +36,7 @@ from amaze_autonomy.engine.events import (
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State, evolve
 from amaze_autonomy.interface import InvalidMessageError, Status
-from amaze_autonomy.ros.clock import Clock
+from amaze_autonomy.ros.clock import Clock, boot_ns
 
 from ...engine.rules import Code
 from ...ros.errors import report
@@ -110,7 +110,7 @@ class Inbox:
         clock: that decides.
         reject: gets the topic's name and the error of a message that is none; must not wait.
         stalled: gets each time for which the process did not run; must not wait.
-        wall_ns: the clock by which it notices that it did not run.
+        wall_ns: the clock by which it notices that it did not run, or that its computer slept.
         shortened: gets topic, list and how many of its entries were left out, where it is too long; must not wait.
     """
 
@@ -119,7 +119,7 @@ class Inbox:
         clock: Clock,
         reject: Callable[[str, Exception], None] = lambda _topic, _error: None,
         stalled: Callable[[Stall], None] = lambda _stall: None,
-        wall_ns: Callable[[], int] = time.monotonic_ns,
+        wall_ns: Callable[[], int] = boot_ns,
         shortened: Callable[[str, str, int], None] = lambda *_: None,
     ) -> None:
         self._shortened = shortened
@@ -167,6 +167,8 @@ class Inbox:
             events.append(ClockStatus(t_ns=now_ns, stalled_s=stalled_s))
         if late:
             events.sort(key=attrgetter("t_ns"))
+            if away_ns >= _S:  # before anything goes on
+                events.insert(0, Tick(t_ns=self._looked_ns, away_ns=away_ns))
             self._stalled(Stall(away_ns / _S, len(statuses) + left_out, left_out))
             wall_ns = self._wall_ns()
         self._looked_wall_ns, self._looked_ns = wall_ns, now_ns

@@ -208,7 +208,9 @@ class AutonomyNode:
         if self._parameters.missions and self._selected:
             rospy.logwarn(not_selected(self._engine.state, self._parameters.missions))
         self._outbox.start(self._engine.state)
-        self.put(EngineStarted(t_ns=self._clock.now_ns(), label=self._label, resumed=self._resumed is not None))
+        resumed = self._resumed is not None
+        away_ns = self._resumed.away_ns if self._resumed is not None else 0
+        self.put(EngineStarted(t_ns=self._clock.now_ns(), label=self._label, resumed=resumed, away_ns=away_ns))
         self._engine.start()
         self._desk.open()
         for status in STATUSES:

@@ -52,12 +52,14 @@ class Unfinished:
         header: its first line.
         events: all events in it, in order.
         journal: the file, locked, to write on in.
+        away_ns: since when it was written last, by the wall clock; one that was set meanwhile tells too much.
     """
 
     path: Path
     header: Dict[str, Any]
     events: List[Event]
     journal: JournalFile
+    away_ns: int = 0
 
     @property
     def last_ns(self) -> int:
@@ -309,6 +311,7 @@ def _taken_up(path: Path, header: Dict[str, Any], place: Place) -> Optional[Unfi
         if _ended(path.parent / RESULT_NAME):  # meanwhile
             os.close(descriptor)
             return None
+        away_ns = abs(time.time_ns() - os.fstat(descriptor).st_mtime_ns)
         data = path.read_bytes()
         read = _read(data)
         journal = go_on(path, descriptor, place.elsewhere)
@@ -316,7 +319,7 @@ def _taken_up(path: Path, header: Dict[str, Any], place: Place) -> Optional[Unfi
         os.close(descriptor)
         raise _cannot_be_read(path, error) from error
     events = [line.payload for line in read.lines if isinstance(line.payload, Event)]
-    return Unfinished(path, header, events, journal)
+    return Unfinished(path, header, events, journal, away_ns)
 
 
 def _read(data: bytes) -> codec.Journal:

@@ -139,15 +139,15 @@ class Vehicle:
 
 
 class Planner:
-    """A mission planner that accepts everything and reads its phase from the vehicle."""
+    """A planner that accepts everything; its phase is that of the vehicle, whose landing is its one waypoint."""
 
     def __init__(self) -> None:
-        self.phase = MissionPhase.IDLE
+        self.phase, self._waypoint = MissionPhase.IDLE, 0
         self._loaded = LoadMission(id=0, limit_ns=1, session_id="", mission_id="", file_index=0, repetition=0)
 
     def load(self, command: LoadMission) -> None:
         """Take a waypoint file."""
-        self._loaded, self.phase = command, MissionPhase.LOADED
+        self._loaded, self.phase, self._waypoint = command, MissionPhase.LOADED, 0
 
     def command(self, action: MissionAction) -> None:
         """Carry out a command."""
@@ -165,7 +165,7 @@ class Planner:
         if self.phase is MissionPhase.TAKING_OFF and airborne and (facts["height_m"] or 0.0) >= takeoff_height_m:
             self.phase = MissionPhase.FLYING
         elif self.phase in (MissionPhase.FLYING, MissionPhase.HOLDING) and down:
-            self.phase = MissionPhase.LANDING  # the recorded vehicle has landed
+            self.phase, self._waypoint = MissionPhase.LANDING, 1  # the recorded vehicle has landed
         elif self.phase is MissionPhase.LANDING and down and facts["armed"] is False:
             self.phase = MissionPhase.LANDED
 
@@ -179,6 +179,8 @@ class Planner:
             phase=self.phase,
             file_index=loaded.file_index,
             repetition=loaded.repetition,
+            waypoint=self._waypoint,
+            waypoints=1,
         )
 
 
