@@ -34,7 +34,7 @@ def write_configuration(folder: Path, topics: Sequence[Topic], more: Dict[str, s
     for topic, _, rate_hz in topics:
         limit_s = max(0.3, 3 / rate_hz)
         rest = f"age_limit_s: {limit_s}, tolerance_fraction: 0.5{more.get(topic, '')}"
-        lines += [f"  {component_of(topic)}:", "    group: other", "    severity: high", "    wait_limit_s: 5.0"]
+        lines += [f"  {component_of(topic)}:", "    group: other", "    severity: high", "    wait_limit_s: 10.0"]
         lines += ["    topics:", f"      {topic}: {{rate_hz: {rate_hz}, {rest}}}"]
     (folder / "sensors.yaml").write_text("\n".join(lines) + "\n")
     missions = "missions:\n  '1':\n    description: none\n    files: [trajectories/square.csv]\n"

@@ -127,6 +127,43 @@ def test_components_have_their_sources_and_the_worst_severity_that_a_mission_has
     }
 
 
+def slow(folder, **rates):
+    """Make topics of a folder slower."""
+    path = folder / "watchdog" / "topics.yaml"
+    topics = yaml.safe_load(path.read_text())
+    for name, row in topics.items():
+        row["rate"] = rates.get(name.split("/")[1], row["rate"])
+    path.write_text(yaml.safe_dump(topics))
+
+
+def test_what_a_slow_topic_needs_to_be_back_is_what_attempts_and_waits_have(folder, tmp_path):
+    slow(folder, mission_cam=0.5, lrf=0.2, uwb=0.1)
+    report = import_folder(folder, tmp_path / "config")
+    configuration = load_configuration(tmp_path / "config")
+    specs = {each.name: each for each in configuration.components}
+    limits = [specs[name].restart.attempt_limit_ns / 1e9 for name in ("mission_cam", "lrf")]
+    totals = [specs[name].restart.total_limit_ns / 1e9 for name in ("mission_cam", "lrf")]
+    assert (limits, totals) == ([22.0, 30.0], [60.0, 60.0])
+    assert specs["uwb_tag_1"].wait_limit_ns == 65 * 10**9
+    assert configuration.rules.limits.unlisted_wait_limit_ns == 40 * 10**9
+    assert [line for line in report.assumed if " s to be back" in line] == [
+        "lrf: a restart has 30 s, since its topics need 25 s to be back",
+        "mission_cam: a restart has 22 s, since its topics need 16 s to be back",
+        "autonomy.yaml: a flight waits 40 s for what a mission holds for and another lands for, which needs 25 s "
+        "to be back",
+    ]
+
+
+def test_what_is_too_slow_to_be_restarted_before_a_takeoff_is_not(folder, tmp_path):
+    slow(folder, mission_cam=0.05)
+    report = import_folder(folder, tmp_path / "config")
+    specs = {each.name: each for each in load_configuration(tmp_path / "config").components}
+    assert specs["mission_cam"].restart.policy is RestartPolicy.NEVER
+    assert (
+        "mission_cam: a restart; its topics need 160 s to be back, longer than a takeoff waits" in report.no_counterpart
+    )
+
+
 def test_its_trajectories_are_flown_ahead_and_in_degrees(imported):
     (trajectory,) = imported.plan("1").trajectories
     assert trajectory.frame is Frame.START_HEADING

@@ -140,6 +140,19 @@ def test_a_mission_that_cannot_be_is_refused(mistake, small_file, line, message)
     assert mistake("missions.yaml", text) == f"missions.yaml:{number}: missions.1.{message}"
 
 
+def test_a_wait_that_a_mission_alone_has_is_long_enough_as_well(mistake, small, small_file):
+    slow = "  camera:\n    group: other\n    severity: low\n    topics: {/image: {rate_hz: 0.2, age_limit_s: 15}}\n"
+    (small / "sensors.yaml").write_text(small_file("sensors.yaml").split("  camera")[0] + slow)
+    text = small_file("missions.yaml") + "    severities: {camera: high}\n"
+    assert mistake("missions.yaml", text) == (
+        "missions.yaml:5: missions.1.severities.camera: is high; must be one that is not waited for, or "
+        "commands.unlisted_wait_limit_s of autonomy.yaml (15) must be above 25: so long it takes until "
+        "/image at 0.2 Hz (good_samples: 5) counts as back"
+    )
+    assert load_configuration(small, ["autonomy.commands.unlisted_wait_limit_s=26"]).plans
+    assert load_configuration(small, ["missions.missions.1.severities.camera=highest"]).plans
+
+
 def test_a_mission_that_no_battery_is_enough_for_is_refused(mistake, small_file):
     text = small_file("missions.yaml") + "    repetitions: 100\n"
     assert mistake("missions.yaml", text) == (

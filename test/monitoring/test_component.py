@@ -9,7 +9,7 @@ from monitoring_feed import S, regular
 
 from amaze_autonomy.engine.events import Check, ComponentStatus, Verdict
 from amaze_autonomy.engine.rules import Code, Restart, Severity
-from amaze_autonomy.monitoring.component import ComponentMonitor, code_of
+from amaze_autonomy.monitoring.component import ComponentMonitor, code_of, return_time
 from amaze_autonomy.monitoring.condition import Level
 from amaze_autonomy.monitoring.errors import UnknownComponentError
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, RestartSpec, TopicSpec
@@ -40,6 +40,22 @@ def test_a_worse_level_and_a_higher_severity_never_have_a_lower_code(restart: Re
     for level in Level:
         codes = [code_of(level, severity, restart) for severity in Severity]
         assert codes == sorted(codes)
+
+
+TOPICS = (TopicSpec("/left", 10.0), TopicSpec("/right", 0.2))
+
+
+@pytest.mark.parametrize(
+    "sources, expected",
+    [
+        ({"topics": TOPICS, "node": "/camera", "driver": ("lsusb",)}, (25 * S, "/right at 0.2 Hz (good_samples: 5)")),
+        ({"topics": TOPICS[:1], "node": "/camera"}, (750_000_000, "node /camera")),
+        ({"topics": TOPICS[:1], "driver": ("lsusb",)}, (3 * S, "driver check lsusb")),
+        ({"autopilot": AutopilotSensor.GPS}, (0, "")),
+    ],
+)
+def test_the_slowest_source_says_how_long_it_needs_to_be_back(sources, expected):
+    assert return_time(ComponentSpec("camera", **sources)) == expected
 
 
 def camera() -> ComponentMonitor:

@@ -9,7 +9,7 @@ import pytest
 from monitoring_feed import S, follow, regular
 
 from amaze_autonomy.monitoring.condition import FOREVER_NS, Condition, Level
-from amaze_autonomy.monitoring.rate import RateMonitor
+from amaze_autonomy.monitoring.rate import RateMonitor, return_time_ns
 from amaze_autonomy.monitoring.specs import TopicSpec
 
 UNKNOWN_RATE = "its rate is not known yet"
@@ -217,6 +217,22 @@ def test_it_is_back_after_good_samples_at_the_intended_rate_and_not_before():
     changes = follow(monitor, regular(30.0, 30.0, 35.0), 35 * S)
     assert levels(changes) == [Level.GOOD, Level.FAILED, Level.GOOD]
     assert 0.5 * S <= changes[2][0] - 30 * S <= 0.75 * S
+
+
+@pytest.mark.parametrize(
+    "rate_hz, good_samples, expected_s",
+    [
+        (200.0, 5, 0.63),
+        (30.0, 5, 0.77),
+        (10.0, 5, 0.6),
+        (1.0, 5, 5.0),
+        (0.2, 5, 25.0),
+        (0.2, 1, 20.0),
+        (20.0, 1000, 50.1),
+    ],
+)
+def test_how_long_a_topic_needs_to_be_back_is_known_before(rate_hz: float, good_samples: int, expected_s: float):
+    assert return_time_ns(TopicSpec("/t", rate_hz), good_samples) / S == pytest.approx(expected_s, abs=0.05)
 
 
 def test_one_message_a_second_does_not_bring_a_fast_topic_back():

@@ -51,7 +51,7 @@ def entries(lines, start=0, at=None):
     ]
 
 
-CHANGED = ("sensors.components.magnetometer.wait_limit_s=0.3",)
+CHANGED = ("sensors.components.magnetometer.wait_limit_s=0.8",)
 SET = [word for change in CHANGED for word in ("--set", change)]
 
 
@@ -79,7 +79,7 @@ def test_a_changed_rule_is_found_and_named_with_the_first_different_decision(lin
         "            value     failure magnetometer",
         "            value     code 4",
         "            value     action wait",
-        "            value     waits at most 0.3 s",
+        "            value     waits at most 0.8 s",
         "            value     reason no message on /mag for longer than 0.5 s",
         "  differs in: values",
     ]

@@ -78,7 +78,7 @@ def test_of_what_a_map_names_the_map_and_the_mission_require_and_of_what_is_not_
 
 
 def test_a_component_of_which_some_topics_were_recorded_says_which_were_not():
-    more = "sensors.components.lrf.topics./lrf/status.rate_hz=1.0"
+    more = "sensors.components.lrf.topics./lrf/status.rate_hz=2.0"
     long = "sensors.components.lrf.topics./lrf/status.age_limit_s=5.0"
     configuration = configured(more, long)
     assert planned(configuration, ["/lrf/status"]).unseen == {"lrf": ("/lrf/status",)}

@@ -54,7 +54,7 @@ components:
     severity: high
     wait_limit_s: 20.0
     node: /lost
-    restart: {{policy: node, attempts: 2, backoff_s: 0.2, attempt_limit_s: 0.5, total_limit_s: 3.0}}
+    restart: {{policy: node, attempts: 2, backoff_s: 0.2, attempt_limit_s: 0.8, total_limit_s: 3.0}}
   disk:
     group: other
     severity: moderate

@@ -7,6 +7,7 @@ it. The folder that is written is checked by the caller (`check-config`); nothin
 from __future__ import annotations
 
 import glob
+import math
 import re
 import shlex
 from pathlib import Path
@@ -14,11 +15,14 @@ from typing import Any, Dict, List, Mapping, Set, Tuple
 
 import yaml
 
+from amaze_autonomy.config.consistency import returns_after_s, waits
 from amaze_autonomy.config.reference import COMPARED, compared_parameters
-from amaze_autonomy.engine.rules import Severity
+from amaze_autonomy.config.schemas.sensors import LONGEST_AGE_S
+from amaze_autonomy.engine.rules import Limits, Severity
 from amaze_autonomy.files import is_unused, whole_folder
 from amaze_autonomy.missions.csv_table import YAW_COLUMNS, Frame, Said, YawUnit, lines_of, said_in, yaw_unit_of
 from amaze_autonomy.missions.errors import WaypointError
+from amaze_autonomy.monitoring.specs import RestartSpec
 
 from ..paths import config_folder
 from .folder import (
@@ -41,6 +45,7 @@ __all__ = ["ImportFolderError", "Report", "import_folder"]
 _HOVER_S = 60.0
 _MISSION_KEYS = ("description", "filepaths", "instances", "entities_actions", ONE_FLIGHT, HOVER)
 _WAIT_S, _AGE_PERIODS, _LEAST_AGE_S, _LEAST_WINDOW = 15.0, 5.0, 0.3, 4
+_ATTEMPT_S, _FIX_S = RestartSpec().attempt_limit_ns / 1e9, Limits().preflight_fix_limit_ns / 1e9
 _FRAMES = {Frame.START_HEADING: "ahead and left of each takeoff", Frame.EAST_NORTH: "east and north"}
 _UNITS = {YawUnit.DEG: "degrees", YawUnit.RAD: "radians"}
 _CHECKED = (("landing_detection", "topic"), ("state_estimation", "topic"), ("state_estimation", "imu_topic"))
@@ -100,7 +105,7 @@ def import_folder(folder: Path, output: Path) -> Report:
         "missions": yaml.safe_dump({"missions": missions}, sort_keys=False),
         "sensors": yaml.safe_dump({"components": components.rows, **checked}, sort_keys=False),
         "recording": yaml.safe_dump(_recording(components.rows, checked, report), sort_keys=False),
-        "autonomy": _AUTONOMY,
+        "autonomy": _AUTONOMY + _unlisted_wait(components.rows, missions, report),
         "autopilot": _AUTOPILOT + compared_parameters(),
     }
     report.assumed += [
@@ -360,6 +365,8 @@ class _Components:
             self._report.assumed.append(f"{name}: the autopilot's {row['autopilot']} as well, by its name")
         if row["group"] == "px4" and row.pop("restart", None) is not None:
             self._report.no_counterpart.append(f"{name}: a restart; sensors of the autopilot are never restarted")
+        needed_s = returns_after_s(row.get("topics", {}))
+        self._give_time(name, row, needed_s)
         restart = row.get("restart", {})
         if "command" in restart:
             self._report.translated.append(f"{name}: restarted by {shlex.join(restart['command'])}")
@@ -367,8 +374,49 @@ class _Components:
             self._report.translated.append(f"{name}: restarted by its node, up to {restart['attempts']} times")
             self._report.assumed.append(f"{name}: roslaunch starts {row['node']} again when it ends (respawn)")
         if severity is Severity.HIGH:
-            row["wait_limit_s"] = max(_WAIT_S, row.get("restart", {}).get("attempt_limit_s", 0.0))
+            row["wait_limit_s"] = max(_wait_s(needed_s), row.get("restart", {}).get("attempt_limit_s", 0.0))
             self._report.assumed.append(f"{name}: a flight waits {row['wait_limit_s']:g} s for it, then lands")
+
+    def _give_time(self, name: str, row: Dict[str, Any], needed_s: float) -> None:
+        """Give each attempt of a restart the time that its topics need to be back, and that of a start."""
+        restart = row.get("restart", {})
+        start_s = restart.get("attempt_limit_s", _ATTEMPT_S)
+        if not restart or needed_s < start_s:
+            return
+        limit_s = float(math.ceil(needed_s + start_s))
+        if limit_s > _FIX_S:
+            del row["restart"]
+            why = f"its topics need {needed_s:g} s to be back, longer than a takeoff waits"
+            self._report.no_counterpart.append(f"{name}: a restart; {why}")
+            return
+        total_s = min(restart.get("attempts", RestartSpec().attempts) * (limit_s + 1.0), _FIX_S)
+        restart.update(attempt_limit_s=limit_s, total_limit_s=total_s)
+        self._report.assumed.append(
+            f"{name}: a restart has {limit_s:g} s, since its topics need {needed_s:g} s to be back"
+        )
+
+
+def _wait_s(needed_s: float) -> float:
+    """Return how long a flight waits for a component that needs a time to be back."""
+    return _WAIT_S if needed_s < _WAIT_S else float(math.ceil(min(needed_s + _WAIT_S, LONGEST_AGE_S)))
+
+
+def _unlisted_wait(
+    components: Mapping[str, Mapping[str, Any]], missions: Mapping[str, Mapping[str, Any]], report: Report
+) -> str:
+    """Return the wait for what one mission holds for and another lands for, where it must be longer than by default."""
+    waited = {
+        name for each in missions.values() for name, severity in each.get("severities", {}).items() if waits(severity)
+    }
+    needed_s = max((returns_after_s(components[name].get("topics", {})) for name in waited), default=0.0)
+    wait_s = _wait_s(needed_s)
+    if wait_s == _WAIT_S:
+        return ""
+    what = "what a mission holds for and another lands for"
+    report.assumed.append(
+        f"autonomy.yaml: a flight waits {wait_s:g} s for {what}, which needs {needed_s:g} s to be back"
+    )
+    return f"commands:\n  # seconds: {what}, and which is slow to be back\n  unlisted_wait_limit_s: {wait_s:g}\n"
 
 
 def _absolute(name: str) -> str:

@@ -9,11 +9,15 @@ from typing import Any, Dict, Iterable, Iterator, List, Mapping, NoReturn, Optio
 
 from ..engine.rules import SEVERITIES, Action, Severity
 from ..missions import Controller, FlightModel, Frame, climb_s
+from ..monitoring.component import return_time
 from ..monitoring.restart import why_kept
+from ..monitoring.specs import ComponentSpec, RestartPolicy, TopicSpec
+from .errors import ConfigError
 from .kinds import Address, Places
-from .schema import refuse_at
+from .schema import make, refuse_at
 from .schemas.recording import Recording
 
+_S = 1_000_000_000
 _ANSWER_S = 1.0  # beyond the planner's own limit
 
 
@@ -637,6 +641,43 @@ def _check_wait(component: Mapping[str, Any], here: Address, places: Places) -> 
             f"must be at least restart.attempt_limit_s ({restart['attempt_limit_s']:g}): no restart would end in time"
         )
         refuse_at(at, places, f"is {wait:g}", right)
+
+
+def returns_after_s(topics: Mapping[str, Mapping[str, Any]]) -> float:
+    """Return how long topics need to be back, of their rows in sensors.yaml; 0 where a row is refused in any case."""
+    try:
+        specs = tuple(make(TopicSpec, values, (), {}, topic=name) for name, values in topics.items())
+    except ConfigError:
+        return 0.0
+    return return_time(ComponentSpec("component", topics=specs, node="/node"))[0] / _S
+
+
+def check_returns(components: Iterable[ComponentSpec], places: Places) -> None:
+    """Check that what works again counts as back before nobody waits for it any more; `places` are of sensors.yaml.
+
+    Raises:
+        ConfigError: about the limit of the restart, else about that of the wait.
+    """
+    for spec in components:
+        restart, start = spec.restart, ""
+        at: Address = ("components", spec.name, "wait_limit_s")
+        limit_ns = spec.wait_limit_ns
+        if restart.policy is not RestartPolicy.NEVER:  # no wait is shorter than an attempt
+            at, limit_ns = ("components", spec.name, "restart", "attempt_limit_s"), restart.attempt_limit_ns
+            start = ", and the time of a start"
+        elif not limit_ns:
+            continue
+        needed = returns_too_late(spec, limit_ns, start)
+        if needed:
+            refuse_at(at, places, f"is {limit_ns / _S:g}", f"must be {needed}")
+
+
+def returns_too_late(spec: ComponentSpec, limit_ns: int, start: str = "") -> str:
+    """Return what a limit must be, for a component that would not count as back within it; empty: it would."""
+    needed_ns, source = return_time(spec)
+    if limit_ns > needed_ns:
+        return ""
+    return f"above {needed_ns / _S:.6g}{start}: so long it takes until {source} counts as back"
 
 
 def _check_topic(values: Mapping[str, Any], here: Address, places: Places) -> None:

@@ -23,6 +23,7 @@ from .consistency import (
     check_replies,
     check_required,
     check_restarted_nodes,
+    check_returns,
     check_takeoff,
 )
 from .document import Entry, Scalar, Table, entry_of, parse, read, replace
@@ -117,6 +118,7 @@ def _configuration(
     autonomy, sensors, missions = values["autonomy"], values["sensors"], values["missions"]
     rules = rules_of(autonomy, sensors)
     components = components_of(sensors, places["sensors"])
+    check_returns(components, places["sensors"])
     plans = plans_of(folder, missions, files, rules.limits, components, places["missions"])
     autopilot = autopilot_of(values["autopilot"], places["autopilot"])
     by_setpoints = any(plan.controller is Controller.OFFBOARD for plan in plans)

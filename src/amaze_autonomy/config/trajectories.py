@@ -41,7 +41,7 @@ from amaze_autonomy.missions import (
 )
 from amaze_autonomy.monitoring.specs import ComponentSpec
 
-from .consistency import check_known
+from .consistency import check_known, returns_too_late, waits
 from .errors import ConfigError, Place
 from .kinds import Address, Places, dotted
 from .model import Configuration, mission_of
@@ -133,6 +133,7 @@ def plans_of(
     for mission_id, values in missions["missions"].items():
         here = ("missions", mission_id)
         _check_names(values, names, here, places)
+        _check_waits(values, components, limits, here, places)
         home = home_of(values, files)
         own = values["limits"]
         reach = (own["max_height_m"] or limits.max_height_m, own["max_distance_m"] or limits.max_distance_m)
@@ -196,6 +197,21 @@ def _check_names(values: Mapping[str, Any], components: Tuple[str, ...], here: A
             at = (*here, "tolerated", str(position))
             right = "must be in one of them: a required component must be at code 1, a tolerated one may be at code 2"
             raise ConfigError(place_of(at, places), dotted(at), f"{name} is required as well", right)
+
+
+def _check_waits(
+    values: Mapping[str, Any], components: Tuple[ComponentSpec, ...], limits: Limits, here: Address, places: Places
+) -> None:
+    """Check the wait for components that have none of their own, and that this mission waits for."""
+    for spec in components:
+        severity = values["severities"].get(spec.name)
+        if severity is None or not waits(severity) or spec.wait_limit_ns:
+            continue
+        needed = returns_too_late(spec, limits.unlisted_wait_limit_ns)
+        if needed:
+            unlisted = f"commands.unlisted_wait_limit_s of autonomy.yaml ({limits.unlisted_wait_limit_ns / 1e9:g})"
+            right = f"must be one that is not waited for, or {unlisted} must be {needed}"
+            refuse_at((*here, "severities", spec.name), places, f"is {severity}", right)
 
 
 def _plan(

@@ -10,7 +10,7 @@ from ..engine.events import Check, Verdict
 from ..engine.rules import SEVERITIES, Action, Code, Restart, Severity
 from .condition import FOREVER_NS, Condition, Level, Source, seconds
 from .errors import UnknownComponentError
-from .rate import RateMonitor
+from .rate import RateMonitor, return_time_ns
 from .restart import RestartMachine, RestartRequest
 from .specs import ComponentSpec, TopicSpec
 
@@ -206,6 +206,23 @@ def code_of(level: Level, severity: Severity, restart: Restart) -> Code:
         return Code.NON_CRITICAL
     row = SEVERITIES[severity]
     return row.code_given_up if restart is Restart.GIVEN_UP else row.code
+
+
+def return_time(spec: ComponentSpec) -> Tuple[int, str]:
+    """Return how long a component that works again needs until it is back, and which of its sources needs longest.
+
+    What the autopilot says is not counted: how often it does is not ours.
+    """
+    polling, samples = spec.polling, spec.restart.good_samples
+    times = [
+        (return_time_ns(topic, samples), f"{topic.topic} at {topic.rate_hz:g} Hz (good_samples: {samples})")
+        for topic in spec.topics
+    ]
+    if spec.node:
+        times.append((polling.node_period_ns + polling.node_answer_limit_ns, f"node {spec.node}"))
+    if spec.driver:
+        times.append((polling.driver_period_ns + polling.driver_run_limit_ns, f"driver check {spec.driver[0]}"))
+    return max(times, default=(0, ""))
 
 
 class ComponentMonitor:

@@ -231,3 +231,19 @@ class RateMonitor(Source):
             failed = spec.rate_hz * spec.rate_failed_fraction
             return Condition(self._level, self._reason, rate_hz, failed, "Hz", age_ns, changes_at_ns)
         return Condition(self._level, self._reason, rate_hz, limit, "Hz", age_ns, changes_at_ns, other)
+
+
+def return_time_ns(spec: TopicSpec, good_samples: int) -> int:
+    """Return the time from the first message until a topic that had failed is back, if it comes as intended.
+
+    Args:
+        spec: of the topic.
+        good_samples: messages after a failure until it counts as back.
+    """
+    monitor, at_ns = RateMonitor(spec, good_samples), 0
+    monitor.start(at_ns, 0)  # what comes for the first time had failed already
+    monitor.add(at_ns)
+    while monitor.evaluate(at_ns).level is Level.FAILED:
+        at_ns += spec.period_ns
+        monitor.add(at_ns)
+    return at_ns

@@ -138,6 +138,53 @@ def test_a_row_that_cannot_be_is_refused(mistake, changes, message):
     assert mistake("sensors.yaml", _component(**changes)) == f"sensors.yaml:{message}"
 
 
+SLOW = "{/image: {rate_hz: 0.2, age_limit_s: 15.0}}"
+MANY = "{policy: node, attempt_limit_s: 30.0, total_limit_s: 60.0, good_samples: 10000}"
+LOOK = "{policy: command, command: [a], attempt_limit_s: 3.0}"
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        (
+            {"topics": SLOW},
+            "8: {}.restart.attempt_limit_s: is 5; must be above 25, and the time of a start: so long it takes "
+            "until /image at 0.2 Hz (good_samples: 5) counts as back",
+        ),
+        (
+            {"topics": SLOW, "restart": "{good_samples: 1}"},
+            "5: {}.wait_limit_s: is 20; must be above 20: so long it takes "
+            "until /image at 0.2 Hz (good_samples: 1) counts as back",
+        ),
+        (
+            {"restart": MANY, "wait_limit_s": "40.0"},
+            "8: {}.restart.attempt_limit_s: is 30; must be above 1000, and the time of a start: so long it takes "
+            "until /image at 10 Hz (good_samples: 10000) counts as back",
+        ),
+        (
+            {"restart": LOOK, "driver": "[lsusb]"},
+            "8: {}.restart.attempt_limit_s: is 3; must be above 3, and the time of a start: so long it takes "
+            "until driver check lsusb counts as back",
+        ),
+    ],
+)
+def test_nobody_stops_waiting_before_what_works_again_is_seen_to(mistake, changes, message):
+    assert mistake("sensors.yaml", _component(**changes)) == f"sensors.yaml:{message.format(CAMERA)}"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"topics": SLOW, "wait_limit_s": "", "severity": "low", "restart": ""},
+        {"topics": SLOW, "restart": "", "wait_limit_s": "25.1"},
+        {"topics": SLOW, "restart": "{policy: node, attempt_limit_s: 25.1, total_limit_s: 60.0}", "wait_limit_s": "60"},
+    ],
+)
+def test_a_slow_topic_is_good_where_nobody_waits_or_for_long_enough(small, changes):
+    (small / "sensors.yaml").write_text(_component(**changes))
+    assert load_configuration(small).components[0].topics[0].rate_hz == 0.2
+
+
 LEGAL = ("/camera/0/image_raw", "/2d_lidar/scan", "/_image", "camera/0", "~image", "~0")
 ILLEGAL = ("", "/", "~", "0camera", "_image", "/camera/", "/camera//image", "//camera", "~/image", "/camera~", "/größe")
 

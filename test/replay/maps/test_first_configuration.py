@@ -267,6 +267,23 @@ def test_a_range_finder_too_slow_to_land_by_is_told_and_the_configuration_is_goo
     assert load_map(str(folder / "map.yaml")).landing["window_ns"] == window_s * S
 
 
+@pytest.mark.parametrize(
+    "rate_hz, row, words",
+    [
+        (2.0, ("high", 15.0), "severity high"),
+        (0.1, ("high", 60.0), "severity high, a flight waits 60 s for it"),
+        (0.006, ("highest", None), "severity highest, too slow to be waited for"),
+    ],
+)
+def test_a_sensor_is_waited_for_as_long_as_it_needs_to_be_back_or_not_at_all(capsys, tmp_path, rate_hz, row, words):
+    status, said, folder = proposed(capsys, tmp_path, slow_range(tmp_path, rate_hz))
+    assert status == 0, said
+    found = load_configuration(folder).effective["sensors"]["components"]["lrf"]
+    assert (found["severity"], found["wait_limit_s"]) == row
+    (line,) = [line for line in (folder / "propose.txt").read_text().splitlines() if line.startswith("lrf: ")]
+    assert line.endswith(f"; {words}")
+
+
 def test_a_range_finder_that_is_fast_enough_is_not_called_slow(capsys, tmp_path):
     status, said, folder = proposed(capsys, tmp_path, slow_range(tmp_path, 4.0))
     assert status == 0, said

@@ -66,7 +66,7 @@ _RESTART_ROWS: Tuple[Row, ...] = (
     ("command", _COMMAND, "program and arguments, for the policies driver and command", "no shell: nothing is expanded or chained"),
     ("attempts", Whole(1, 100), "at most so many, one after the other", "what does not come back in three does not come back"),
     ("backoff_ns", _time(60), "pause between two attempts", "a USB device needs a second to go away"),
-    ("attempt_limit_ns", _time(), "time in which an attempt must bring the component back", "the start of the slowest driver"),
+    ("attempt_limit_ns", _time(), "time in which an attempt must bring the component back; more than its slowest source needs to be back", "the start of the slowest driver comes before"),
     ("total_limit_ns", _time(), "time after which the watchdog gives up, all attempts together", "within what a flight waits"),
     ("good_samples", Whole(1, 10000), "messages in time that show that it is back", "one message may be the last of a buffer"),
     ("forget_after_ns", _time(3600), "good for so long: attempts and time are forgotten", "a flapping component is given up"),
@@ -97,7 +97,8 @@ _COMPONENT = Group(
         Key(
             "wait_limit_s",
             _time(),
-            "how long a flight may wait for it, all its failures together; for moderate and high alone",
+            "how long a flight may wait for it, all its failures together; more than its slowest source needs to be back; "
+            "for moderate and high alone",
             "every wait has a limit",
             None,
         ),

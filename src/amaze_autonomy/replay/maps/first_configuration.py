@@ -7,6 +7,7 @@ Missions and limits are those of a careful beginning. It is meant to be looked a
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple
@@ -14,9 +15,10 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple
 import yaml
 
 from amaze_autonomy import paths
-from amaze_autonomy.config.consistency import MAVROS_TOPIC
+from amaze_autonomy.config.consistency import MAVROS_TOPIC, returns_after_s, waits
 from amaze_autonomy.config.reference import COMPARED, compared_parameters
 from amaze_autonomy.config.schemas.autopilot import LinkSettings, PlannerLinkSettings
+from amaze_autonomy.config.schemas.sensors import LONGEST_AGE_S
 from amaze_autonomy.files import is_unused, whole_folder
 
 from ..errors import ReplayError
@@ -40,6 +42,7 @@ _VEHICLE = ("/px4/", "/mavlink/", "/fmu/")  # besides mavros
 _NO_TOPICS = "/mavlink/"  # messages of a telemetry log
 _HOP = "trajectories/hop.csv"
 _WAITS_S = 10.0
+_UNWAITED: Mapping[str, str] = {"moderate": "low", "high": "highest"}  # what is done after a wait in vain, at once
 _SEVERITY = "moderate"  # of what the decision table that ships does not know
 _RANGES: Mapping[str, str] = {"sensor_msgs/Range": "range", "sensor_msgs/LaserScan": "scan"}
 _POSE = "geometry_msgs/PoseStamped"
@@ -139,14 +142,13 @@ class _Maker:
         found = self._table.get(known, {})
         severity = str(found.get("severity", _SEVERITY))
         ours = name in _PX4 and (topic.startswith(_VEHICLE) or MAVROS_TOPIC.fullmatch(topic) is not None)
-        values: Dict[str, Any] = {"group": "px4" if ours else "other", "severity": severity}
-        if severity in ("moderate", "high"):
-            values["wait_limit_s"] = found.get("wait_limit_s", _WAITS_S)
-        values["topics"] = {topic: {key: row[key] for key in _TOPIC_KEYS if key in row}}
+        topics = {topic: {key: row[key] for key in _TOPIC_KEYS if key in row}}
+        severity, wait, waited = _waited(severity, found.get("wait_limit_s", _WAITS_S), topics)
+        values = {"group": "px4" if ours else "other", "severity": severity, **wait, "topics": topics}
         rate = f"{row['rate_hz']:g} Hz, fails after {row['age_limit_s']:g} s"
         like = f", as {known} of the decision table" if known else ", as what no decision table knows"
         why = "" if known == name else like
-        self.assumed.append(f"{name}: {topic}, {rate}; severity {severity}{why}")
+        self.assumed.append(f"{name}: {topic}, {rate}; severity {severity}{waited}{why}")
         return values
 
     def _reading(self, name: str) -> Any:
@@ -216,6 +218,19 @@ class _Maker:
             "platforms": {"main": {"groups": list(groups)}},
             "groups": {name: {"topics": topics} for name, topics in groups.items()},
         }
+
+
+def _waited(severity: str, wait_s: float, topics: Mapping[str, Any]) -> Tuple[str, Dict[str, float], str]:
+    """Return the severity of topics, their wait, and words: none is shorter than what they need to be back."""
+    if not waits(severity):
+        return severity, {}, ""
+    needed_s = returns_after_s(topics)
+    if needed_s < wait_s:
+        return severity, {"wait_limit_s": wait_s}, ""
+    wait_s = float(math.ceil(needed_s + _WAITS_S))
+    if wait_s > LONGEST_AGE_S:
+        return _UNWAITED[severity], {}, ", too slow to be waited for"
+    return severity, {"wait_limit_s": wait_s}, f", a flight waits {wait_s:g} s for it"
 
 
 def _decision_table() -> Mapping[str, Any]:
