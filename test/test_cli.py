@@ -57,6 +57,13 @@ def test_a_topic_that_is_watched_and_not_recorded_is_said_with_the_line_to_add(c
     assert len(capsys.readouterr().out.splitlines()) == 1
 
 
+def test_a_battery_below_what_is_estimated_is_said(capsys, folder):
+    low = ["--set", "missions.missions.4.battery_needed_fraction=0.21"]
+    assert main(["check-config", str(folder), *low]) == 0
+    (line,) = capsys.readouterr().out.splitlines()[1:]
+    assert line.startswith("  warning: missions.yaml: mission 4 says battery_needed_fraction 0.21, and 0.48")
+
+
 def test_a_recorded_topic_that_nothing_names_is_said_in_one_line(capsys, folder):
     recording = (folder / "recording.yaml").read_text()
     known = ("/rosout", "/autonomy/journal", "/uav1/mission_planner/status", "/mavros/altitude", "/autonomy/response")

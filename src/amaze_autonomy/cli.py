@@ -260,11 +260,13 @@ def _warnings(configuration: Any) -> List[str]:
         unnamed_topics,
         unrecorded_topics,
     )
+    from .config.trajectories import low_batteries  # noqa: PLC0415
 
     effective = configuration.effective
     return [
         *_unusable_keys(configuration.autopilot),
         *contradictions(effective),
+        *low_batteries(configuration),
         *taken_in_place(configuration.recording),
         *unrecorded_topics(effective["sensors"], effective["recording"]),
         *unnamed_topics(effective, _named(configuration)),

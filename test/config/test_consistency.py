@@ -6,6 +6,7 @@ import pytest
 
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.config.consistency import contradictions, taken_in_place, unnamed_topics, unrecorded_topics
+from amaze_autonomy.config.trajectories import low_batteries
 from amaze_autonomy.monitoring.specs import RestartPolicy
 from amaze_autonomy.paths import config_folder
 
@@ -159,6 +160,28 @@ def test_a_mission_that_no_battery_is_enough_for_is_refused(mistake, small_file)
         "missions.yaml:2: missions.1: needs 1.60 of the battery (1400 s of 1000 s, and reserve); "
         "must need at most 1: fly less, or in parts"
     )
+
+
+def test_a_mission_that_flies_longer_than_a_battery_lasts_is_refused_whatever_it_says_to_need(mistake, small_file):
+    text = small_file("missions.yaml") + "    battery_needed_fraction: 0.3\nflight: {endurance_s: 13}\n"
+    assert mistake("missions.yaml", text) == (
+        "missions.yaml:5: missions.1.battery_needed_fraction: is 0.3, and it flies for 14 s in all; "
+        "must be flown in less than flight.endurance_s (13): fly less, or in parts"
+    )
+
+
+@pytest.mark.parametrize("given, says", [("", False), ("0.3", True), ("0.34", False), ("0.5", False)])
+def test_a_battery_below_what_is_estimated_is_said(small, small_file, given, says):
+    text = small_file("missions.yaml") + "    repetitions: 10\n"
+    (small / "missions.yaml").write_text(text + (f"    battery_needed_fraction: {given}\n" if given else ""))
+    assert low_batteries(load_configuration(small)) == says * [
+        "missions.yaml: mission 1 says battery_needed_fraction 0.3, and 0.34 is what 140 s of flight.endurance_s "
+        "(1000) and the reserve are: have you measured it?"
+    ]
+
+
+def test_what_ships_says_no_battery_below_what_is_estimated():
+    assert low_batteries(load_configuration(config_folder())) == []
 
 
 def test_a_flight_longer_than_the_limit_of_all_flights_is_refused(mistake, small_file):

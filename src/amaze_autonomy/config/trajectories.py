@@ -230,21 +230,49 @@ def _plan(
     _check_flight_time(
         values, max(flight.duration_s for flight in (*first.flights, *again.flights)), limits, here, places
     )
-    needed = values["battery_needed_fraction"]
-    if needed is None:
-        needed = battery_needed_fraction(whole.duration_s, limits.battery_reserve_fraction, model)
-        if needed > 1.0:
-            wrong = (
-                f"needs {needed:.2f} of the battery ({whole.duration_s:.0f} s of {model.endurance_s:g} s, and reserve)"
-            )
-            raise ConfigError(place_of(here, places), dotted(here), wrong, "must need at most 1: fly less, or in parts")
-    elif needed <= limits.battery_reserve_fraction:
-        at = (*here, "battery_needed_fraction")
-        right = f"must be above the reserve, which it includes ({limits.battery_reserve_fraction:g})"
-        raise ConfigError(place_of(at, places), dotted(at), f"is {needed:g}", right)
+    needed = _battery(values, whole.duration_s, model, limits.battery_reserve_fraction, here, places)
     figures = len(trajectories), round(needed, 6), round(whole.duration_s, 6)
     mission = mission_of(mission_id, values, components, *figures)
     return MissionPlan(mission, trajectories, first, again, home, Controller(values["controller"]))
+
+
+def _battery(
+    values: Mapping[str, Any], duration_s: float, model: FlightModel, reserve: float, here: Address, places: Places
+) -> float:
+    """Return the part of the battery that a mission needs: what it says, else what is estimated."""
+    at, needed = (*here, "battery_needed_fraction"), values["battery_needed_fraction"]
+    if needed is None:
+        estimated = battery_needed_fraction(duration_s, reserve, model)
+        if estimated > 1.0:
+            wrong = f"needs {estimated:.2f} of the battery ({duration_s:.0f} s of {model.endurance_s:g} s, and reserve)"
+            raise ConfigError(place_of(here, places), dotted(here), wrong, "must need at most 1: fly less, or in parts")
+        return estimated
+    if needed <= reserve:
+        right = f"must be above the reserve, which it includes ({reserve:g})"
+        refuse_at(at, places, f"is {needed:g}", right)
+    if duration_s >= model.endurance_s:
+        right = f"must be flown in less than flight.endurance_s ({model.endurance_s:g}): fly less, or in parts"
+        refuse_at(at, places, f"is {needed:g}, and it flies for {duration_s:.0f} s in all", right)
+    return float(needed)
+
+
+def low_batteries(configuration: Configuration) -> List[str]:
+    """Return a line for each mission that says it needs less of the battery than is estimated.
+
+    It is no mistake: who has measured knows more than the estimate.
+    """
+    reserve, model = configuration.rules.limits.battery_reserve_fraction, configuration.flight
+    lines = []
+    for plan in configuration.plans:
+        given, flown_s = plan.mission.battery_needed_fraction, plan.total.duration_s
+        estimated = battery_needed_fraction(flown_s, reserve, model)
+        if given is not None and given < round(estimated, 6):
+            lines.append(
+                f"missions.yaml: mission {plan.mission.id} says battery_needed_fraction {given:g}, and {estimated:.2f} "
+                f"is what {flown_s:.0f} s of flight.endurance_s ({model.endurance_s:g}) and the reserve are: have you "
+                "measured it?"
+            )
+    return lines
 
 
 def _check_flight_time(
