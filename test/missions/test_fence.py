@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from amaze_autonomy.missions import (
+    MOST_CORNERS,
     Circle,
     Fence,
     Polygon,
@@ -20,6 +23,14 @@ from amaze_autonomy.missions import (
 FIELD = Polygon(((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)))
 #  an L: the corner at the upper right is missing
 L_SHAPE = Polygon(((0.0, 0.0), (10.0, 0.0), (10.0, 4.0), (4.0, 4.0), (4.0, 10.0), (0.0, 10.0)))
+
+
+def ring(corners):
+    """Return a round polygon."""
+    turns = [2 * math.pi * number / corners for number in range(corners)]
+    return tuple((100.0 * math.cos(turn), 100.0 * math.sin(turn)) for turn in turns)
+
+
 LEAVES, ENTERS = "leaves the fence on the way there", "enters an excluded area on the way there"
 
 
@@ -66,6 +77,9 @@ def test_in_a_square_a_leg_is_good_exactly_when_its_ends_are(start, end):
         (FIELD.corners[:2], "has 2 corners; must have at least 3"),
         (((0.0, 0.0), (9.0, 9.0), (9.0, 0.0), (0.0, 9.0)),
          "crosses itself between corners 1 and 3; must go around one area"),
+        (ring(MOST_CORNERS), ""),
+        (ring(MOST_CORNERS + 1), "has 501 corners; must have at most 500: simplify it"),
+        (ring(100_000), "has 100000 corners; must have at most 500: simplify it"),
         (((0.0, 0.0), (0.5, 0.0), (0.5, 0.5)), "encloses 0.125 m^2; must enclose at least 1 m^2"),
         (((0.0, 0.0), (5.0, 0.0), (9.0, 0.0)), "encloses 0 m^2; must enclose at least 1 m^2"),
     ],

@@ -123,6 +123,7 @@ def _with(change):
 
 
 SQUARE = {"polygon": [[46.9, 7.9], [46.9, 8.1], [47.1, 8.0]], "inclusion": True, "version": 1}
+CIRCLE = {"circle": {"center": [47.0, 8.0], "radius": 9.0}, "inclusion": True, "version": 1}
 FENCE = "must be a fence of polygons and circles, as QGroundControl saves it (version 2)"
 
 
@@ -189,6 +190,8 @@ COMMANDS = "must be one of 22 (takeoff), 16 (waypoint), 19 (loiter for a time), 
         (lambda d: d.update(geoFence=False), f"geoFence: is False; {FENCE}"),
         (lambda d: d.update(geoFence={"polygon": SQUARE["polygon"], "version": 1}), f"geoFence: has polygon; {FENCE}"),
         (lambda d: d["geoFence"].update(Polygons=[SQUARE]), f"geoFence: has Polygons; {FENCE}"),
+        (lambda d: d["geoFence"].update(polygons=[SQUARE] * 166, circles=[CIRCLE] * 3),
+         "geoFence: has 501 corners and circles; must have at most 500 in all its areas: simplify them"),
         (lambda d: d["rallyPoints"].update(points=[[47.1, 14.0, 50.0]]), f"rallyPoints: has points; {RALLY}"),
         (lambda d: d.update(rallyPoints=[[47.1, 14.0, 50.0]]), f"rallyPoints: is [[47.1, 14.0, 50.0]]; {RALLY}"),
         (lambda d: d.update(rallyPoints={"Points": [[47.1, 14.0, 50.0]]}), f"rallyPoints: has Points; {RALLY}"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .csv_table import Frame, Said, YawUnit
 from .errors import WaypointError
-from .fence import Circle, Fence, Polygon, check_fence, outlines, polygon_problem
+from .fence import MOST_CORNERS, Circle, Fence, Polygon, check_fence, outlines, polygon_problem
 from .plan import (
     Bounds,
     Controller,
@@ -30,6 +30,7 @@ from .waypoints import COLUMNS, Home, Place, Trajectory, Waypoint, joined, parse
 __all__ = [
     "COLUMNS",
     "GLOBAL_COLUMNS",
+    "MOST_CORNERS",
     "SAME_M",
     "SUFFIXES",
     "Area",

@@ -13,6 +13,8 @@ from .waypoints import Trajectory
 
 Point = Tuple[float, float]
 _LEAST_CORNERS = 3
+MOST_CORNERS = 500
+"""Of a fence: each is compared with every other, and with every leg; more would hold up every node that starts."""
 _LEAST_AREA_M2 = 1.0
 
 
@@ -113,6 +115,8 @@ def _between(one: Point, other: Point, point: Point) -> bool:
 
 def _meet(a: Point, b: Point, c: Point, d: Point) -> bool:
     """Return whether two segments have a point in common."""
+    if max(a[0], b[0]) < min(c[0], d[0]) or max(c[0], d[0]) < min(a[0], b[0]):
+        return False  # most are far from each other
     sides = _cross(a, b, c), _cross(a, b, d), _cross(c, d, a), _cross(c, d, b)
     if (sides[0] > 0) != (sides[1] > 0) and (sides[2] > 0) != (sides[3] > 0) and 0.0 not in sides:
         return True
@@ -133,6 +137,8 @@ def polygon_problem(corners: Sequence[Point]) -> str:
     """Return why corners are no polygon; empty when they are one."""
     if len(corners) < _LEAST_CORNERS:
         return f"has {len(corners)} corners; must have at least {_LEAST_CORNERS}"
+    if len(corners) > MOST_CORNERS:
+        return f"has {len(corners)} corners; must have at most {MOST_CORNERS}: simplify it"
     edges = tuple(zip(corners, (*corners[1:], corners[0])))
     for number, (a, b) in enumerate(edges):
         for later, (c, d) in enumerate(edges[number + 2 :], start=number + 2):

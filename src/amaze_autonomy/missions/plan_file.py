@@ -16,6 +16,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, NoReturn, Opt
 
 from .csv_table import Said, lines_of
 from .errors import WaypointError
+from .fence import MOST_CORNERS
 from .routes import Area, Route, RoutePoint, is_global, parse_route
 from .waypoints import Home, Names, Place, Trajectory, parse_trajectory
 
@@ -315,6 +316,10 @@ def _fence(file: _File, plan: Object) -> List[Area]:
             if not isinstance(each, Object):
                 file.refuse(fence.line, f"geoFence: {key}", "holds no object", "must be areas of a fence")
             areas.append(read(file, each))
+    corners = sum(len(area.corners) for area in areas)
+    if corners > MOST_CORNERS:
+        right = f"must have at most {MOST_CORNERS} in all its areas: simplify them"
+        file.refuse(fence.line, "geoFence", f"has {corners} corners and circles", right)
     return areas
 
 

@@ -182,7 +182,7 @@ _MISSION = Group(
             "fence_m",
             ListOf(
                 _CORNER,
-                "corners of a polygon that it stays inside, metres east and north of its first takeoff",
+                "corners of a polygon that it stays inside, at most 500, metres east and north of its first takeoff",
                 example="[[-5, -5], [25, -5], [25, 15], [-5, 15]]",
             ),
             "geofence: every leg is checked against it, and against the fence of its .plan",
