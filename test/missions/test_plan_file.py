@@ -84,6 +84,20 @@ def test_a_takeoff_and_a_landing_without_a_place_are_here(here):
     assert [point.takeoff for point in route.points] == [True, False]
 
 
+@pytest.mark.parametrize("here", [(None, None), (47.0001, 8.0)])
+@pytest.mark.parametrize("heading, before", [(None, None), (0, None), (0, 90.0), (90.0, 90.0), (450.0, 90.0)])
+def test_below_the_last_waypoint_a_landing_may_have_the_heading_that_is_flown_or_what_is_saved_for_none(
+    here, heading, before
+):
+    route = read(plan(item(16, 47.0001, 8.0, 5.0, heading=before), item(21, *here, 0.0, hold=None, heading=heading)))
+    assert [point.place for point in route.points] == [Place(47.0001, 8.0)]
+
+
+def test_elsewhere_a_landing_has_a_heading_of_its_own():
+    route = read(plan(item(16, 47.0, 8.0, 5.0), item(21, 47.0001, 8.0, 0.0, heading=90.0)))
+    assert [point.yaw_rad for point in route.points] == [None, 0.0]
+
+
 def test_a_place_on_the_meridian_of_greenwich_is_one():
     assert read(plan(item(22, 51.5, 0, 3.0))).points[0].place == Place(51.5, 0.0)
 
@@ -143,6 +157,8 @@ def test_a_plan_without_rally_points_is_flown(rally):
 
 
 RALLY = "must have none: nobody flies to them, so remove them in QGroundControl and save the plan again"
+LAST = "must be null, or the heading of that waypoint: give it there"
+TURNED = f"item 4: params 4: is 90 (heading), below the last waypoint; {LAST}"
 EARLY = "item 4: lands before the end; must be the last item"
 COMMANDS = "must be one of 22 (takeoff), 16 (waypoint), 19 (loiter for a time), 21 (land)"
 
@@ -177,6 +193,12 @@ COMMANDS = "must be one of 22 (takeoff), 16 (waypoint), 19 (loiter for a time), 
          "item 2: params 3: is 5 (pass by); must be 0: every waypoint is flown to"),
         (lambda d: d["mission"]["items"][1]["params"].__setitem__(1, 3.0),
          "item 2: params 2: is 3 (acceptance radius); must be 0: acceptance_radius_m of missions.yaml counts"),
+        (lambda d: d["mission"]["items"][3]["params"].__setitem__(0, 25.0),
+         "item 4: params 1: is 25 (abort altitude); must be 0: a landing of ours is never broken off for a climb"),
+        (lambda d: d["mission"]["items"][3]["params"].__setitem__(1, 2.0),
+         "item 4: params 2: is 2 (precision landing); must be 0: nobody looks for a mark on the ground"),
+        (lambda d: d["mission"]["items"][3]["params"].__setitem__(slice(3, 6), [90.0, 47.0001, 8.0001]), TURNED),
+        (lambda d: d["mission"]["items"][3]["params"].__setitem__(slice(3, 6), [90.0, 0, 0]), TURNED),
         (lambda d: d["mission"]["items"][1].update(autoContinue=False),
          "item 2: autoContinue: is False; must be true: nobody is asked between two items"),
         (lambda d: d["mission"]["items"][0].update(autoContinue=0),

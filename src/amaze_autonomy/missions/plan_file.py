@@ -252,28 +252,42 @@ def _takeoff(file: _File, item: _Item, _: Sequence[RoutePoint]) -> List[RoutePoi
 
 def _waypoint(file: _File, item: _Item, _: Sequence[RoutePoint]) -> List[RoutePoint]:
     place, height = _given(file, item)
-    if item.command == _WAYPOINT and item.params[1]:
-        right = "must be 0: acceptance_radius_m of missions.yaml counts"
-        file.refuse(item.line, f"item {item.number}: params 2", f"is {item.params[1]:g} (acceptance radius)", right)
-    if item.command == _WAYPOINT and item.params[2]:
-        right = "must be 0: every waypoint is flown to"
-        file.refuse(item.line, f"item {item.number}: params 3", f"is {item.params[2]:g} (pass by)", right)
+    _refuse_unflown(file, item)
     return [RoutePoint(place, height, _yaw(item), item.params[0] or 0.0, item.line)]
+
+
+def _refuse_unflown(file: _File, item: _Item) -> None:
+    """Refuse parameters that ask for what is not flown."""
+    for index, what, right in _UNFLOWN.get(item.command, ()):
+        value = item.params[index]
+        if value:
+            file.refuse(item.line, f"item {item.number}: params {index + 1}", f"is {value:g} ({what})", right)
 
 
 def _land(file: _File, item: _Item, points: Sequence[RoutePoint]) -> List[RoutePoint]:
     """Return the place above the landing, at the height of the last waypoint; none when it is there already."""
     if not points:
         file.refuse(item.line, f"item {item.number}", "lands before anything was flown", "must follow a waypoint")
+    _refuse_unflown(file, item)
+    before = points[-1]
     if _is_here(item):
-        return []
+        return _land_below(file, item, before)
     parent = Object()
     parent.line = item.line
     place = file.place(parent, f"item {item.number}: params 5,6", item.params[4], item.params[5])
-    before = points[-1]
     if before.place is not None and math.hypot(*Home(*before.place).to_local(place)) <= SAME_M:
-        return []
+        return _land_below(file, item, before)
     return [RoutePoint(place, before.height_m, _yaw(item), 0.0, item.line)]
+
+
+def _land_below(file: _File, item: _Item, before: RoutePoint) -> List[RoutePoint]:
+    """Return no further place; a heading must be that of the last waypoint, or 0, which is saved for none as well."""
+    heading = item.params[3]
+    if heading and _yaw(item) != before.yaw_rad:
+        wrong = f"is {heading:g} (heading), below the last waypoint"
+        right = "must be null, or the heading of that waypoint: give it there"
+        file.refuse(item.line, f"item {item.number}: params 4", wrong, right)
+    return []
 
 
 def _yaw(item: _Item) -> Optional[float]:
@@ -287,6 +301,17 @@ def _yaw(item: _Item) -> Optional[float]:
 
 _WAYPOINT, _LOITER_TIME, _LAND, _TAKEOFF = 16, 19, 21, 22  # MAV_CMD
 _SAID = {_TAKEOFF: "takeoff", _WAYPOINT: "waypoint", _LOITER_TIME: "loiter for a time", _LAND: "land"}
+# parameters that must be 0 or null: index, what they ask for, why not
+_UNFLOWN: Mapping[int, Sequence[Tuple[int, str, str]]] = {
+    _WAYPOINT: (
+        (1, "acceptance radius", "must be 0: acceptance_radius_m of missions.yaml counts"),
+        (2, "pass by", "must be 0: every waypoint is flown to"),
+    ),
+    _LAND: (
+        (0, "abort altitude", "must be 0: a landing of ours is never broken off for a climb"),
+        (1, "precision landing", "must be 0: nobody looks for a mark on the ground"),
+    ),
+}
 _COMMANDS: Mapping[int, Callable[[_File, _Item, Sequence[RoutePoint]], List[RoutePoint]]] = {
     _TAKEOFF: _takeoff,
     _WAYPOINT: _waypoint,
