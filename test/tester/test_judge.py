@@ -168,6 +168,34 @@ def test_how_long_something_is_that_has_not_ended_is_not_known(expectation):
     assert (finding.grade.value, finding.text) == UNFINISHED[expectation]
 
 
+BEHIND = {
+    "{expect: never, of: {state: PILOT}, to: fails}": (
+        "VACUOUS",
+        "not between +0.000 s and +20.000 s, and the run ends there, before +30.000 s",
+    ),
+    "{expect: always, of: {state: LAND}, from: 14.0, to: fails}": (
+        "VACUOUS",
+        "between +14.000 s and +20.000 s, and the run ends there, before +30.000 s",
+    ),
+    "{expect: count, of: {command: LAND}, to: fails, at_most: 1}": (
+        "VACUOUS",
+        "1 times between +0.000 s and +20.000 s, and the run ends there, before +30.000 s",
+    ),
+    "{expect: never, of: {state: LAND}, to: fails}": ("FAIL", "LAND at +14.000 s"),
+    "{expect: count, of: {command: LAND}, to: fails, at_least: 1}": (
+        "PASS",
+        "1 times between +0.000 s and +20.000 s",
+    ),
+}
+
+
+@pytest.mark.parametrize("expectation", BEHIND)
+def test_an_anchor_behind_the_end_of_the_run_is_as_a_time_there(expectation):
+    finding = found(expectation, {"fails": 30 * S})
+    assert (finding.grade.value, finding.text) == BEHIND[expectation]
+    assert found("{expect: never, of: {state: PILOT}, to: fails}", {"fails": 20 * S + S // 2}).grade is Grade.PASS
+
+
 @pytest.mark.parametrize("expectation", CASES)
 def test_grade_and_margin(expectation):
     finding = found(expectation)

@@ -77,6 +77,16 @@ def test_coverage_is_not_passed_while_a_scenario_cannot_be_run(folder, capsys, m
     assert capsys.readouterr().err.startswith("ERROR: bad: ")
 
 
+def test_nor_while_a_recording_is_missing(folder, capsys, monkeypatch):
+    monkeypatch.setattr(Coverage, "passed", True)
+    gone = "version: 1\ndescription: x\nbags: [{path: no.bag}]\nmap: crazyflie_sine\n"
+    (folder / "gone.scenario.yaml").write_text(gone)
+    assert main(["coverage", str(folder)]) == 3
+    assert capsys.readouterr().err.startswith("INCONCLUSIVE: gone: ")
+    monkeypatch.setattr(Coverage, "passed", False)
+    assert main(["coverage", str(folder)]) == 1
+
+
 def test_a_configuration_that_cannot_be_is_said_and_is_no_success(folder, capsys):
     assert main(["what-if", str(folder), "--against", "sensors.components.gps.severity=high"]) == 1
     assert capsys.readouterr().out.startswith("CANNOT       lrf: ")
@@ -193,6 +203,19 @@ def test_a_journal_by_other_rules_is_not_shrunk_and_that_is_the_reason(capsys):
     assert main(["shrink", "j.scenario.yaml", "--rule", "at_takeoff_height"]) == 2
     words = "j.jsonl was decided by other rules than the configuration's, and what is shrunk to is decided by these"
     assert words in capsys.readouterr().err
+
+
+def test_a_text_with_an_apostrophe_is_shrunk_to_a_scenario_that_can_be_read(folder, capsys):
+    (task,) = tasks_of([folder], Options(goldens=False, story=True))
+    story = "".join(f"{line}\n" for line in run_task(task).story)
+    assert "connection refused" in story
+    Path("j.jsonl").write_text(story.replace("connection refused", "'can't connect'"))
+    Path("j.scenario.yaml").write_text("version: 1\ndescription: x\njournal: j.jsonl\nexpectations: []\n")
+    assert main(["shrink", "j.scenario.yaml", "--rule", "failure_wait", "--out", "small.scenario.yaml"]) == 0
+    assert "''can''t connect''" in Path("small.scenario.yaml").read_text()
+    capsys.readouterr()
+    assert main(["test", "small.scenario.yaml", "--no-goldens"]) == 1
+    assert capsys.readouterr().out.startswith("FAIL         small: never rule failure_wait: rule failure_wait at ")
 
 
 def test_nothing_to_shrink_is_said(folder, capsys):

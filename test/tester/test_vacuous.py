@@ -90,6 +90,19 @@ def test_what_never_comes_in_a_recording_is_vacuous(more):
     assert result(more) == ("VACUOUS", NEVER[more])
 
 
+def test_a_golden_of_nothing_judges_nothing_and_is_not_accepted(capsys):
+    Path("x.scenario.yaml").write_text(SCENARIO.partition("expectations:")[0] + "to_s: 2.0\n")
+    words = "it has no expectations, and nothing was decided: nothing was judged"
+    assert main(["accept", "x.scenario.yaml", "--reason=nothing is decided, and that is right"]) == 1
+    assert capsys.readouterr().out.startswith(f"x: not accepted: VACUOUS: {words}\n")
+    assert not Path("goldens").exists()
+    Path("goldens").mkdir()
+    head = '{"case":"x","kind":"golden","reason":"the first run, and it is right","version":1}\n'
+    Path("goldens/x.golden.jsonl").write_text(head)  # of before that was refused
+    assert main(["test", "x.scenario.yaml"]) == 4
+    assert capsys.readouterr().out.startswith(f"VACUOUS      x: {words}\n")
+
+
 @pytest.mark.parametrize("fault", ["silent", "scaled, field: sequence, factor: 2.0"])
 def test_a_fault_of_the_journal_changes_nothing_and_is_vacuous(fault):
     """What was asked is read from the bag, past all faults."""

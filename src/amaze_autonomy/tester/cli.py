@@ -207,7 +207,8 @@ def _jobs(options: argparse.Namespace) -> int:
 def _coverage(options: argparse.Namespace) -> int:
     _, results, coverage, _ = _covered(options)
     show_lines(coverage_lines(coverage, verbose=options.verbose))
-    return 1 if not coverage.passed or any(each.verdict is Verdict.ERROR for each in results) else 0
+    unrun = [each.verdict for each in results if each.verdict in (Verdict.ERROR, Verdict.INCONCLUSIVE)]
+    return exit_status(unrun) if coverage.passed else 1
 
 
 def _mutate(options: argparse.Namespace) -> int:
@@ -460,7 +461,8 @@ def _check(tasks: Sequence[Task], reason: str, *, prune: bool, full: bool) -> No
 
 def _refusal(result: Result) -> str:
     """Return why a run cannot be a golden; empty: it can."""
-    by_golden_alone = result.verdict is Verdict.VACUOUS and not result.findings and not result.problems
+    judged = result.findings or result.problems or not result.lines
+    by_golden_alone = result.verdict is Verdict.VACUOUS and not judged
     return "" if result.verdict is Verdict.PASS or by_golden_alone else f"{result.verdict.value}: {result.headline}"
 
 

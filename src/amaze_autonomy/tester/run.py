@@ -162,10 +162,11 @@ def _verdict(
     for finding in findings:
         if finding.grade is Grade.VACUOUS:
             return Verdict.VACUOUS, f"{finding.expectation}: {finding.text}"
+    if not findings and not (golden and played.trace.decisions):
+        missing = "no golden is compared" if played.trace.decisions else "nothing was decided"
+        return Verdict.VACUOUS, f"it has no expectations, and {missing}: nothing was judged"
     if difference:
         return Verdict.FAIL, difference[0]
-    if not findings and not golden:
-        return Verdict.VACUOUS, "it has no expectations, and no golden is compared: nothing was judged"
     return Verdict.PASS, _good(findings, len(played.trace.decisions))
 
 

@@ -160,6 +160,6 @@ def _written(case: Case, events: Sequence[Event], wanted: Decision, rules: Rules
         if case.overrides:
             lines += ["  set:", *(f"    {key}: {json.dumps(value)}" for key, value in case.overrides.items())]
     lines += [f"checks: [{', '.join(check.value for check in checks_of(rules))}]", "events:"]
-    lines += [f"  - '{encode_event(event)}'" for event in events]
+    lines += ["  - '{}'".format(encode_event(event).replace("'", "''")) for event in events]
     lines += ["expectations:", f"  - {{expect: never, of: {{rule: {wanted.rule}}}}}"]
     return "".join(f"{line}\n" for line in lines)

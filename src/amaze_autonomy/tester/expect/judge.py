@@ -14,10 +14,11 @@ _WORST = (Grade.FAIL, Grade.VACUOUS, Grade.PASS)
 
 
 class Window(NamedTuple):
-    """The time that an expectation looks at, both ends included."""
+    """The time that an expectation looks at, both ends included; `asked_ns`: where it was to end."""
 
     begin_ns: int
     end_ns: int
+    asked_ns: int
 
     def holds(self, t_ns: int) -> bool:
         """Tell whether a time is in it."""
@@ -83,17 +84,14 @@ def judge(expectation: Expectation, trace: Trace, anchors: Mapping[str, Optional
     if blind:
         return _finding(expectation, trace, window, _Found(Grade.VACUOUS, f"nobody watched {blind[0]} in this run"))
     found = _JUDGES[expectation.kind.name](_Look(expectation, trace, window))
-    if found.grade is Grade.PASS and _is_open(expectation, trace):
-        there = f"and the run ends there, before {trace.seconds(trace.start_ns + int(expectation.end or 0)):+.3f} s"
+    if found.grade is Grade.PASS and window.asked_ns > trace.end_ns + _ROUNDED_NS and _may_break(expectation):
+        there = f"and the run ends there, before {trace.seconds(window.asked_ns):+.3f} s"
         found = _Found(Grade.VACUOUS, f"{found.text}, {there}")
     return _finding(expectation, trace, window, found)
 
 
-def _is_open(expectation: Expectation, trace: Trace) -> bool:
-    """Tell whether what was asked to hold until a time could still break after the end of the run."""
-    end = expectation.end
-    if end is None or isinstance(end, str) or trace.start_ns + end <= trace.end_ns + _ROUNDED_NS:
-        return False
+def _may_break(expectation: Expectation) -> bool:
+    """Tell whether what holds until the end of the run could still break after it."""
     kind = expectation.kind.name
     return kind in ("never", "always", "share") or (kind == "count" and expectation.number("at_most") is not None)
 
@@ -108,7 +106,7 @@ def _window(expectation: Expectation, trace: Trace, anchors: Mapping[str, Option
         times.append(t_ns)
     if times[1] <= times[0] or times[0] > trace.end_ns:
         return "nothing to look at: the window is empty"
-    return Window(times[0], min(times[1], trace.end_ns))
+    return Window(times[0], min(times[1], trace.end_ns), times[1])
 
 
 def _finding(expectation: Expectation, trace: Trace, window: Optional[Window], found: _Found) -> Finding:
