@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace as changed
 from pathlib import Path
@@ -26,6 +27,7 @@ from amaze_autonomy.replay.recordings.statuses import EVENT_OF
 from amaze_autonomy.replay.session import Session
 from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.simulation.scenario import Request, Scenario, Trigger
+from amaze_autonomy.tester import Options, run_task, tasks_of
 from amaze_autonomy.tester.command import main
 
 MAPS = Path(maps.__file__).parent
@@ -76,6 +78,52 @@ def test_it_says_that_the_decisions_are_those_of_the_flight(bag, capsys):
     out = capsys.readouterr().out
     assert "In flight the same " in out
     assert "decisions were made, in the same order.\n" in out
+
+
+@pytest.fixture(scope="module")
+def other_bag(tmp_path_factory):
+    """A flight of a mission that is not the configuration's first."""
+    return demo_bag(tmp_path_factory.mktemp("other") / "other.bag", simulated(mission="5"))
+
+
+def test_the_mission_is_the_one_that_the_journal_selects(other_bag, tmp_path, capsys):
+    assert main(["run", str(other_bag), "--map", "amaze_demo", "--out", str(tmp_path / "out"), "--no-html"]) == 0
+    assert "\nMap amaze_demo, mission 5: ends in DATA_CLEANUP (COMPLETE)" in capsys.readouterr().out
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["mission"] == "5"
+    header = json.loads((tmp_path / "out" / "journal.jsonl").read_text().splitlines()[0])
+    assert header["mission"]["id"] == "5"
+    assert main(["run", str(other_bag), "--map", "amaze_demo", "--mission", "5"]) == 0
+
+
+def test_another_mission_than_the_journal_selects_is_refused(other_bag, capsys):
+    assert main(["run", str(other_bag), "--map", "amaze_demo", "--mission", "2"]) == 2
+    assert capsys.readouterr().err == (
+        "amaze-replay: mission 2 was not flown: the journal in the recording selects 5, and what it says is replayed; "
+        "leave the mission out\n"
+    )
+
+
+def test_a_mission_that_the_configuration_does_not_know_is_named_as_it_was_flown(tmp_path, capsys):
+    flown = [line.replace('"id":"5"', '"id":"field"') for line in simulated(mission="5")]
+    bag = demo_bag(tmp_path / "field.bag", flown)
+    assert main(["run", str(bag), "--map", "amaze_demo", "--html", str(tmp_path / "x.html")]) == 0
+    assert "\nMap amaze_demo, mission field: ends in " in capsys.readouterr().out
+
+
+def test_a_scenario_names_no_other_mission_than_the_journal_selects(other_bag, tmp_path):
+    path = tmp_path / "x.scenario.yaml"
+    for named, verdict in (("", "PASS"), ("missions: ['5']\n", "PASS"), ("missions: ['2']\n", "ERROR")):
+        path.write_text(f"version: 1\ndescription: x\nbags: [{{path: {other_bag}}}]\nmap: amaze_demo\n{named}{FLIES}")
+        (task,) = tasks_of([path], Options(goldens=False))
+        result = run_task(task)
+        assert result.verdict.value == verdict
+    assert result.headline == (
+        f"{path}:5: mission 2 was not flown: the journal in the recording selects 5, and what it says is replayed; "
+        "leave the mission out"
+    )
+
+
+FLIES = "expectations:\n  - {expect: exists, of: {state: MISSION}}\n"
 
 
 def test_it_names_the_first_decision_that_is_not_that_of_the_flight(bag, capsys):

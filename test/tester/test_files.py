@@ -111,6 +111,7 @@ MISTAKES = {
     "expectations: [{expect: exists, of: {rule: hold}, from: nowhere}]": "nowhere is no anchor; must be one of none",
     "anchors: {one: {fault: 1}}": "anchors.one.fault: is 1; there is no fault",
     "bags: [{path: a.bag}]\nfrom_s: 6\nto_s: 3": "to_s: is 3; must be above from_s (6)",
+    "bags: [{path: a.bag}]\nmissions: [1, 2]": "missions: has 2; must be one with bags: a recording is of one mission",
     "anchors: {one: {value: height_m}}": "has no level; must have above or below with value only",
     "anchors: {one: {}}": "has nothing; must have one of at_s, happens, fault, value",
     "matrix: {seed: [1]}": "must be a list of at least two values",

@@ -67,7 +67,7 @@ def footer_lines(plan: Plan, recordings: Recordings, outcome: Outcome) -> List[s
     lines += [f"{not_recorded(*each)}." for each in outcome.unseen.items()]
     lines += _compared_lines(outcome) + _flown_lines(outcome)
     lines += [f"VACUOUS: {each}" for each in outcome.unread]
-    return [*lines, f"Map {plan.topic_map.name}, mission {plan.mission.id}: {verdict(outcome)}"]
+    return [*lines, f"Map {plan.topic_map.name}, mission {outcome.mission.id}: {verdict(outcome)}"]
 
 
 def _compared_lines(outcome: Outcome) -> List[str]:
@@ -126,7 +126,7 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
     return {
         "bags": [bag.path.name for bag in recordings.bags],
         "map": plan.topic_map.name,
-        "mission": plan.mission.id,
+        "mission": outcome.mission.id,
         "configuration_hash": plan.configuration_hash,
         "verdict": verdict(outcome),
         "state": outcome.state.state.value,

@@ -36,7 +36,7 @@ from amaze_autonomy.engine.events import (
 from amaze_autonomy.engine.state import EngineState, State
 from amaze_autonomy.engine.timers import next_deadline
 
-from ..engine.events import Check, CheckName
+from ..engine.events import Check, CheckName, Mission
 from ..journal.codec import to_plain
 from ..journal.journal import encode_decision, encode_event, encode_header, make_header
 from .agenda import Agenda, Rank
@@ -51,7 +51,7 @@ from .peers.script import User
 from .peers.world import World
 from .plan import Plan, recorded_words
 from .recordings import fields
-from .recordings.journals import FlightLog, read_log, selection_of
+from .recordings.journals import FlightLog, selection_of
 from .recordings.sources import Recordings, Sample
 from .recordings.statuses import FLAT
 from .timeline import Line, LineKind, Source, decision_text, joined, marked
@@ -80,6 +80,7 @@ class Outcome:
         missed: that command; None: it was a decision.
         checks: the last answer to each check, and where it came from.
         decisions: that were made.
+        mission: that was flown last; else the one that was to be.
         flown: those that were made in flight, where its journal is in the recording; None: it is not.
         parting: the first decision that is not one of those; None: all are.
         flown_in_part: lines of the flight's journal are lost, `flown` ends before the first of them.
@@ -102,6 +103,7 @@ class Outcome:
     missed: Optional[MissionAction]
     checks: Dict[CheckName, Tuple[Source, Tuple[Check, ...]]]
     decisions: Tuple[Decision, ...]
+    mission: Mission
     flown: Optional[Tuple[Decision, ...]] = None
     parting: Optional[Parting] = None
     flown_in_part: bool = False
@@ -297,10 +299,7 @@ class Session:
         return replace(log, events=events, decisions=log.decisions if whole else ()), ()
 
     def _read_log(self) -> Optional[FlightLog]:
-        topic = self._plan.topic_map.statuses.get("journal", "")
-        if not topic or topic in self._recordings.missing:
-            return None
-        log = read_log(tuple(self._recordings.bags), topic)
+        log = self._recordings.log(self._plan.topic_map.statuses.get("journal", ""))
         return log if log is not None and (log.events or log.lost) else None
 
     def _tell_lost(self, log: FlightLog) -> None:
@@ -333,7 +332,7 @@ class Session:
             plan.configuration_hash,
             program="amaze-replay",
             map=plan.topic_map.name,
-            mission=to_plain(plan.mission),
+            mission=to_plain(self._log.missions[0] if self._log and self._log.missions else plan.mission),
             recording={
                 "start_ns": recordings.start_ns - recordings.shift_ns,
                 "end_ns": recordings.end_ns - recordings.shift_ns,
@@ -527,6 +526,7 @@ class Session:
             flights=armings(self._world.motors, end_ns),
             scripted=(*(name for name in _SCRIPTED if name not in self._facts()), *unseen),
             unseen=unseen,
+            mission=self._state.session.mission or self._plan.mission,
         )
 
     def _facts(self) -> FrozenSet[str]:
@@ -537,6 +537,27 @@ class Session:
         watched = self._monitors.watchdog.started or "watchdog_info" in self._plan.topic_map.statuses
         failed = self._world.failed
         return self._keys.unread(self._plan, self._recordings, facts, watched=watched, failed=failed)
+
+
+def mission_of(plan: Plan, recordings: Recordings, known: Sequence[Mission], asked: Optional[str]) -> str:
+    """Return the id of the mission to plan for: the one that the flight's journal selects, else that of a plan.
+
+    Args:
+        plan: for the mission that was asked for, else for the configuration's first.
+        recordings: open.
+        known: missions of the configuration; one that it does not have cannot be planned for.
+        asked: the id of the mission that was asked for; None: none was.
+
+    Raises:
+        ReplayError: Another one was asked for, and what was asked in flight is replayed.
+    """
+    log = recordings.log(plan.topic_map.statuses.get("journal", ""))
+    flown = () if log is None else tuple(dict.fromkeys(mission.id for mission in log.missions))
+    if asked and flown and asked not in flown:
+        words = f"the journal in the recording selects {' and '.join(flown)}, and what it says is replayed"
+        raise ReplayError(f"mission {asked} was not flown: {words}; leave the mission out")
+    possible = flown[:1] if not asked and flown and flown[0] in [mission.id for mission in known] else ()
+    return next(iter(possible), plan.mission.id)
 
 
 def _periods_ns(recordings: Recordings) -> Dict[str, int]:

@@ -42,7 +42,7 @@ from ..replay.plan import Plan, make_plan
 from ..replay.recordings.journals import read_journals
 from ..replay.recordings.sources import RECORDINGS, Recordings, check_messages, topics_of
 from ..replay.report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text, verdict
-from ..replay.session import Outcome, Session
+from ..replay.session import Outcome, Session, mission_of
 from .terminal import add_tapes, progress_bar, show_lines, show_timeline, use_tapes
 
 _ALONE = (["run"], ["journal"], ["laws"], ["map"], ["maps"], ["export"])
@@ -92,7 +92,7 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     run = commands.add_parser("run", help="replay the sensors of one or several recordings of one flight")
     run.add_argument("bags", nargs="+", type=expanded, metavar="FILE", help=f"each {RECORDINGS}")
     run.add_argument("--map", metavar="MAP", help="topic map: name or YAML file; default: the one named as the bag")
-    run.add_argument("--mission", metavar="ID", help="mission of the configuration; default: its first")
+    run.add_argument("--mission", metavar="ID", help="mission of the configuration; default: as flown, else its first")
     run.add_argument("--flight", type=int, metavar="N", help="judge the N-th arming by itself, from 1")
     run.add_argument("--flights", action="store_true", help="judge every arming by itself, a line for each")
     run.add_argument("--from", type=_seconds, dest="from_s", metavar="S", help="begin there, from the first message")
@@ -229,15 +229,16 @@ def _run(options: argparse.Namespace) -> int:
     _check_outputs(options)
     topic_map = _map(options.map, options.bags, options.memory)
     configuration = load_configuration(options.config or config_folder(), options.set)
-    mission_id = options.mission or configuration.missions[0].id
-    plan = make_plan(configuration, topic_map, mission_id, recorded)
+    plan = make_plan(configuration, topic_map, options.mission or configuration.missions[0].id, recorded)
     before, given = _followed(options)
-    changes = changes_of(
-        given,
-        lambda some: load_configuration(before, some),
-        lambda each: make_plan(each, topic_map, mission_id, recorded),
-    )
     with Recordings(options.bags, plan.topics, options.mute, options.memory, replayed=True) as recordings:
+        mission_id = mission_of(plan, recordings, configuration.missions, options.mission)
+        plan = make_plan(configuration, topic_map, mission_id, recorded)
+        changes = changes_of(
+            given,
+            lambda some: load_configuration(before, some),
+            lambda each: make_plan(each, topic_map, mission_id, recorded),
+        )
         if options.flights:
             return _each_flight(plan, recordings, changes)
         plan, part = _part(options, plan, recordings)
@@ -392,7 +393,8 @@ def _write_page(
         return
     from ..pages.flight import replay_page  # noqa: PLC0415  (only who wants a page waits for it)
 
-    page = replay_page(plan, recordings, outcome, configuration.plan(plan.mission.id))
+    mission = next((each for each in configuration.plans if each.mission.id == outcome.mission.id), None)
+    page = replay_page(plan, recordings, outcome, mission)
     if options.html is not None:
         page.write(options.html)
     if beside:

@@ -37,7 +37,7 @@ from ..replay.maps.topic_map import TopicMap, load_map, map_names
 from ..replay.plan import Plan, make_plan
 from ..replay.recordings.journals import read_journals
 from ..replay.recordings.sources import Recordings, silence, topics_of
-from ..replay.session import Outcome, Session
+from ..replay.session import Outcome, Session, mission_of
 from .expect.model import Pattern, instants
 from .scenario.files import meant, place_of
 from .scenario.model import Case, SourceKind
@@ -161,14 +161,16 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     recorded = topics_of(paths, case.memory)
     plan = make_plan(configuration, topic_map, missions[0].id, recorded)
     folder, given, blind = _followed(case, options) if rules is None else (_folder(case, options), (), ())
-    changes = changes_of(
-        given,
-        lambda some: load_configuration(folder, some),
-        lambda each: make_plan(each, topic_map, missions[0].id, recorded),
-    )
-    if rules is not None:
-        plan = replace(plan, rules=replace(rules, components=_rows(plan.rules, rules)))
     with Recordings(paths, plan.topics, memory=case.memory, replayed=True) as recordings:
+        mission_id = _mission_of(case, plan, recordings, configuration)
+        plan = make_plan(configuration, topic_map, mission_id, recorded)
+        changes = changes_of(
+            given,
+            lambda some: load_configuration(folder, some),
+            lambda each: make_plan(each, topic_map, mission_id, recorded),
+        )
+        if rules is not None:
+            plan = replace(plan, rules=replace(rules, components=_rows(plan.rules, rules)))
         part = FaultedRecordings(recordings, case.from_ns, case.to_ns)
         if not part.samples:
             place = place_of(case.path, ("from_s",), ("to_s",), ("bags",))
@@ -193,6 +195,14 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     played = _played(replace(outcome, unread=(*blind, *outcome.unread)), acting, touched, broken)
     unasked = _never_asked(case, [t_ns <= outcome.end_ns for t_ns, _ in requests])
     return replace(played, vacuous=(*played.vacuous, *unseen, *unasked))
+
+
+def _mission_of(case: Case, plan: Plan, recordings: Recordings, configuration: Configuration) -> str:
+    """Return the id of the mission of a recording; one that a case names wrongly is refused with its line."""
+    try:
+        return mission_of(plan, recordings, configuration.missions, next(iter(case.missions), None))
+    except ReplayError as error:
+        raise ReplayError(f"{place_of(case.path, ('missions',), ('matrix', 'missions'))}: {error}") from error
 
 
 def _never_asked(case: Case, asked: Sequence[bool]) -> List[str]:

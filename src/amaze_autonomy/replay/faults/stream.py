@@ -22,6 +22,7 @@ from amaze_autonomy.simulation.faults import flapping_ns
 
 from ..errors import EditError, FieldError, ReplayError
 from ..recordings.fields import Track, getter, kind_of
+from ..recordings.journals import FlightLog
 from ..recordings.sources import Recordings, Sample
 from .kinds import TOPIC, Acting
 
@@ -123,6 +124,10 @@ class FaultedRecordings(Recordings):
     def read(self, wanted: Mapping[int, Tuple[str, ...]], texts: Collection[int] = ()) -> None:
         """Read numbers of all messages of some topics, and texts of some."""
         self._inner.read(wanted, texts)
+
+    def log(self, topic: str) -> Optional[FlightLog]:
+        """Return what was asked in the flight: of all of it, past all faults."""
+        return self._inner.log(topic)
 
     def keep(self, topics: Sequence[str]) -> None:
         """Make whole messages of some topics fast, where tapes are wanted."""

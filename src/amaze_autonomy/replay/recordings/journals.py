@@ -13,6 +13,7 @@ from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionRejected, MissionSelected, Shutdown, UserRequest
 from amaze_autonomy.engine.state import State, evolve
 
+from ...engine.events import Mission
 from ...journal.journal import DeltaDecoder, Journal, JournalError, Payload, decode, read
 from ..errors import JournalGapError, ReplayError
 
@@ -177,7 +178,13 @@ class FlightLog:
     @property
     def leads(self) -> bool:
         """Whether it tells what was asked: where its lines are lost, no flight is led without its selection."""
-        return not self.lost or any(isinstance(event, MissionSelected) for event in self.events)
+        return not self.lost or bool(self.missions)
+
+    @property
+    def missions(self) -> Tuple[Mission, ...]:
+        """The missions that were selected, in order."""
+        events = (event for event in self.events if isinstance(event, MissionSelected))
+        return tuple(mission for event in events for mission in event.missions)
 
 
 def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLog]:

@@ -25,6 +25,7 @@ from amaze_autonomy.engine.events import Event
 
 from ..errors import NoMessagesError, ReplayError, TimeJumpError, UnknownTopicError
 from .fields import Track
+from .journals import FlightLog, read_log
 from .statuses import sent_by, status_rows, taped_statuses
 
 _S = 1_000_000_000
@@ -132,6 +133,7 @@ class Recordings:
         self._rows: Dict[Tuple[int, int], _Rows] = {}
         self._read: Dict[int, Tuple[str, ...]] = {}
         self._statuses: Dict[Tuple[int, int], Sequence[Optional[Event]]] = {}
+        self._logs: Dict[str, Optional[FlightLog]] = {}
         try:
             self._open(paths, memory, replayed=replayed)
         except BaseException:
@@ -307,6 +309,13 @@ class Recordings:
             parts.append((where, [column[rows[where]] for column in columns]))
         found = Numbers(len(times), tuple(parts)).columns()
         return None if found is None else Track(times, tuple(found))
+
+    def log(self, topic: str) -> Optional[FlightLog]:
+        """Return what was asked in the flight by the journal on a topic; None: there is none. It is read once."""
+        if topic not in self._logs:
+            there = bool(topic) and topic not in self.missing
+            self._logs[topic] = read_log(tuple(self.bags), topic) if there else None
+        return self._logs[topic]
 
     def figures(self) -> Tuple[TopicFigures, ...]:
         """Return what the index says of each wanted topic."""

@@ -146,6 +146,9 @@ def _case(tree: Entry, path: Path, variant: str) -> Case:
     from_s, to_s = values.get("from_s") or 0.0, values.get("to_s")
     if to_s is not None and to_s <= from_s:
         raise ConfigError(placed(tree, ("to_s",)), "to_s", f"is {to_s:g}", f"must be above from_s ({from_s:g})")
+    if "bags" in values and len(values["missions"] or ()) > 1:
+        right = "must be one with bags: a recording is of one mission"
+        raise ConfigError(placed(tree, ("missions",)), "missions", f"has {len(values['missions'])}", right)
     _check_bags(tree, [bag["path"] for bag in values.get("bags", ())])
     _check_anchors(tree, anchors, expectations, len(values.get("faults", ())))
     return Case(

@@ -306,9 +306,9 @@ _TAIL = (
     Key("expectations", ListOf(ExpectationEntry(), "expectations"), "what must come of it", "", []),
     Key("matrix", Named("addresses to vary", r".+", _Raw()), "a test for each combination", "", None),
 )
-_MISSIONS = Key(
-    "missions", ListOf(Text("the id of a mission", _WORD, numbers=True), "ids", 1), "flown in turn", "", None
-)
+_IDS = ListOf(Text("the id of a mission", _WORD, numbers=True), "ids", 1)
+_MISSIONS = Key("missions", _IDS, "flown in turn", "", None)
+_MISSION = Key("missions", _IDS, "one; left out: that of the journal in the bags, else the first configured", "", None)
 _SEED = Key("seed", Whole(0, 2**31), "of noise and latencies", "", 0)
 _REQUESTS = Key("requests", ListOf(REQUEST, "requests"), "what the user asks", "", [])
 _SIMULATION = (
@@ -323,7 +323,7 @@ _BAGS = (
     Key("from_s", _TIME, "where the test begins, from the start of the bags", "", 0.0),
     Key("to_s", _TIME, "where it ends", "", None),
     Key("map", Text("a topic map: its name, or a path from the folder of this file", longest=500), "topics", "", None),
-    _MISSIONS,
+    _MISSION,
     _SEED,
     Key("needs", ListOf(_NEED, "needs"), "what the recording must offer", "", []),
     Key("faults", ListOf(RECORDED_FAULT, "faults"), "what goes wrong", "", []),
