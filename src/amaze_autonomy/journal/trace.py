@@ -39,6 +39,7 @@ class Trace:
         codes: of each component over time, as text.
         readings: (time, value) of each of READINGS.
         faults: when each began, in the order of the scenario; None: it never did.
+        begin_ns: of the run, where it begins later than its zero: it is a part of a recording.
     """
 
     start_ns: int
@@ -48,6 +49,7 @@ class Trace:
     codes: Mapping[str, Tuple[Span, ...]] = field(default_factory=dict)
     readings: Mapping[str, Tuple[Tuple[int, float], ...]] = field(default_factory=dict)
     faults: Tuple[Optional[int], ...] = ()
+    begin_ns: int = 0
 
     def seconds(self, t_ns: int) -> float:
         """Return a time as seconds from the start."""

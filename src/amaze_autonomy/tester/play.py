@@ -192,7 +192,8 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
         broken += [
             f"{each.topic}: {each.count} messages cannot be read ({each.reason})" for each in part.damage.values()
         ]
-    played = _played(replace(outcome, unread=(*blind, *outcome.unread)), acting, touched, broken)
+    outcome = replace(outcome, unread=(*blind, *outcome.unread))
+    played = _played(outcome, _zero_ns(part), acting, touched, broken)
     unasked = _never_asked(case, [t_ns <= outcome.end_ns for t_ns, _ in requests])
     return replace(played, vacuous=(*played.vacuous, *unseen, *unasked))
 
@@ -291,7 +292,7 @@ def _needs(case: Case, plan: Plan, part: FaultedRecordings) -> List[str]:
         if rate_hz < need.rate_hz:
             broken.append(f"{need.topic}: {rate_hz:.2f} Hz, at least {need.rate_hz:g} Hz are needed")
         if need.gap_ns is not None and gap_ns > need.gap_ns:
-            when = f"at {(at_ns - part.start_ns) / _S:+.3f} s, at most {need.gap_ns / _S:g} s are allowed"
+            when = f"at {(at_ns - _zero_ns(part)) / _S:+.3f} s, at most {need.gap_ns / _S:g} s are allowed"
             broken.append(f"{need.topic}: silent for {gap_ns / _S:.3f} s {when}")
     return broken
 
@@ -299,19 +300,22 @@ def _needs(case: Case, plan: Plan, part: FaultedRecordings) -> List[str]:
 def _times(
     case: Case, plan: Plan, part: FaultedRecordings
 ) -> Tuple[Tuple[Acting, ...], Tuple[Tuple[int, UserCommand], ...]]:
-    """Return faults and requests with their times; `after` is looked up in the same run without any fault."""
+    """Return faults and requests with their times; `after` is looked up in the same run without any fault.
+
+    Times count from the first message of the recording, whatever part of it is played; before the part nothing begins.
+    """
     triggers = (*(fault.trigger for fault in case.faults), *(request.trigger for request in case.requests))
     calm: Optional[Trace] = None
     if any(trigger.at_ns is None for trigger in triggers):
         calm = trace_of(Session(plan, part).run().journal, part.start_ns, part.end_ns)
     acting: List[Acting] = []
     for fault in case.faults:
-        begin_ns = _begin(case, fault.trigger, part.start_ns, calm, str(fault))
+        begin_ns = _begin(case, fault.trigger, part, calm, str(fault))
         end_ns = None if fault.for_ns is None or begin_ns is None else begin_ns + fault.for_ns
         acting.append(Acting(fault, _NEVER if begin_ns is None else begin_ns, end_ns, _topics_of(fault, plan)))
     requests: List[Tuple[int, UserCommand]] = []
     for request in case.requests:
-        t_ns = _begin(case, request.trigger, part.start_ns, calm, str(request))
+        t_ns = _begin(case, request.trigger, part, calm, str(request))
         if request.command is None:
             raise ReplayError(f"{case.path}: {request}: a replay selects its mission by `missions`")
         requests.append((_NEVER if t_ns is None else t_ns, request.command))
@@ -321,9 +325,14 @@ def _times(
 _NEVER = 1 << 62
 
 
-def _begin(case: Case, trigger: Trigger, start_ns: int, calm: Optional[Trace], what: str) -> Optional[int]:
+def _zero_ns(part: FaultedRecordings) -> int:
+    """Return the time of the first message of the recording that a part is of."""
+    return part.start_ns - part.from_ns
+
+
+def _begin(case: Case, trigger: Trigger, part: FaultedRecordings, calm: Optional[Trace], what: str) -> Optional[int]:
     if trigger.at_ns is not None:
-        return start_ns + trigger.at_ns
+        return _zero_ns(part) + trigger.at_ns if trigger.at_ns >= part.from_ns else None
     if trigger.event:
         raise ReplayError(f"{case.path}: {what}: a recording has no events; use at_s, or after with a state")
     if calm is None:
@@ -354,23 +363,25 @@ def _topics_of(fault: Fault, plan: Plan) -> Tuple[str, ...]:
     return known[fault.target]
 
 
-def _played(outcome: Outcome, acting: Sequence[Acting], touched: Sequence[int], broken: Sequence[str]) -> Played:
+def _played(
+    outcome: Outcome, zero_ns: int, acting: Sequence[Acting], touched: Sequence[int], broken: Sequence[str]
+) -> Played:
     began = tuple(None if each.begin_ns == _NEVER else each.begin_ns for each in acting)
-    trace = trace_of(outcome.journal, outcome.start_ns, outcome.end_ns, began)
+    trace = replace(trace_of(outcome.journal, zero_ns, outcome.end_ns, began), begin_ns=outcome.start_ns)
     vacuous = [
         f"{each.fault} touched nothing" if each.begin_ns != _NEVER else f"{each.fault} never began"
         for each, count in zip(acting, touched)
         if not count
     ]
     vacuous += [str(each) for each in outcome.unread]
-    marks = _marks_of_bags(outcome, acting)
+    marks = _marks_of_bags(outcome, zero_ns, acting)
     idle = tuple(number for number, count in enumerate(touched) if not count)
     return Played(outcome.journal, trace, tuple(vacuous), tuple(broken), marks, outcome.unread, idle)
 
 
-def _marks_of_bags(outcome: Outcome, acting: Sequence[Acting]) -> Tuple[Mark, ...]:
+def _marks_of_bags(outcome: Outcome, zero_ns: int, acting: Sequence[Acting]) -> Tuple[Mark, ...]:
     def seconds(t_ns: int) -> float:
-        return (t_ns - outcome.start_ns) / 1e9
+        return (t_ns - zero_ns) / 1e9
 
     marks: List[Mark] = [
         ("fault", seconds(each.begin_ns), None if each.end_ns is None else seconds(each.end_ns), str(each.fault))
@@ -379,7 +390,7 @@ def _marks_of_bags(outcome: Outcome, acting: Sequence[Acting]) -> Tuple[Mark, ..
     ]
     if outcome.scripted:
         words = f"scripted all along: {', '.join(outcome.scripted)}"
-        marks.append(("script", 0.0, seconds(outcome.end_ns), words))
+        marks.append(("script", seconds(outcome.start_ns), seconds(outcome.end_ns), words))
     if outcome.counterfactual_ns is not None:
         words = "the recorded vehicle did otherwise"
         marks.append(("counterfactual", seconds(outcome.counterfactual_ns), seconds(outcome.end_ns), words))

@@ -95,7 +95,7 @@ def run_case(case: Case, task: Task) -> Result:
             f"the laws were checked on other decisions than the test judges: {lawful.different} are different when "
             "the run's journal is decided again"
         )
-    unlawful = tuple(broken_words(each, lawful.start_ns) for each in lawful.judged.broken)
+    unlawful = tuple(broken_words(each, trace.start_ns) for each in lawful.judged.broken)
     check_names(case, trace, lambda: [row.name for row in configuration_of(case, task.options).rules.components])
     anchors = anchor_times(case.anchors, trace)
     findings = tuple(judge(each, trace, anchors) for each in case.expectations)
@@ -121,7 +121,7 @@ def run_case(case: Case, task: Task) -> Result:
         command=command_of(task),
         tags=case.tags,
         requirements=case.requirements,
-        figures=Figures(flown_s=trace.seconds(trace.end_ns)),
+        figures=Figures(flown_s=(trace.end_ns - max(trace.start_ns, trace.begin_ns)) / 1e9),
     )
 
 
@@ -367,7 +367,8 @@ def _time(anchor: Anchor, trace: Trace) -> Optional[int]:
 
 def _times(anchor: Anchor, trace: Trace) -> Sequence[int]:
     if anchor.at_ns is not None:
-        return (trace.start_ns + anchor.at_ns,)
+        t_ns = trace.start_ns + anchor.at_ns
+        return (t_ns,) if t_ns >= trace.begin_ns else ()
     if anchor.fault:
         began = trace.faults[anchor.fault - 1] if anchor.fault <= len(trace.faults) else None
         return () if began is None else (began,)

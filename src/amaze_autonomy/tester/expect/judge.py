@@ -99,11 +99,13 @@ def _may_break(expectation: Expectation) -> bool:
 def _window(expectation: Expectation, trace: Trace, anchors: Mapping[str, Optional[int]]) -> Window | str:
     times: List[int] = []
     ends = (expectation.begin, trace.end_ns - trace.start_ns if expectation.end is None else expectation.end)
+    if isinstance(ends[0], int) and 0 < ends[0] < trace.begin_ns - trace.start_ns - _ROUNDED_NS:
+        return f"nothing to look at: the run begins at {trace.seconds(trace.begin_ns):+.3f} s"
     for instant in ends:
         t_ns = anchors[instant] if isinstance(instant, str) else trace.start_ns + instant
         if t_ns is None:
             return f"nothing to look at: {instant} did not happen"
-        times.append(t_ns)
+        times.append(t_ns if isinstance(instant, str) else max(t_ns, trace.begin_ns))
     if times[1] <= times[0] or times[0] > trace.end_ns:
         return "nothing to look at: the window is empty"
     return Window(times[0], min(times[1], trace.end_ns), times[1])
