@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -221,6 +222,21 @@ def test_what_nobody_watched_is_vacuous(expectation):
 @pytest.mark.parametrize("name", ["lrf", "battery_critical", "user_hold"])
 def test_what_was_watched_and_every_loss_can_fail_so_that_never_is_judged(name):
     assert found(f"{{expect: never, of: {{failure: {name}}}, from: 12.0}}").grade is Grade.PASS
+
+
+def test_a_loss_whose_value_is_unknown_all_along_cannot_be_seen():
+    never = "{expect: never, of: {failure: %s}}"
+    assert found(never % "tilt").text == "nothing shows tilt in this run: tilt is unknown all along"
+    assert found(never % "battery_critical").grade is Grade.PASS  # the autopilot can say so itself
+    known = replace(TRACE, readings={"tilt_deg": ((3 * S, 1.0),)})
+    assert found(never % "tilt", trace=known).grade is Grade.PASS
+    later = replace(known, begin_ns=4 * S)  # it was the script's, before the recording
+    assert found(never % "tilt", trace=later).grade is Grade.VACUOUS
+    blind = replace(known, blind={"tilt": "autopilot: scripted, not recorded"})
+    words = "nothing shows tilt in this run: autopilot: scripted, not recorded"
+    assert found(never % "tilt", trace=blind).text == words
+    tilted = decision(12, "HOLD", "HOLD", "failure_land", values=(Value("failure", "tilt"),))
+    assert found(never % "tilt", trace=replace(blind, decisions=(*TRACE.decisions, tilted))).grade is Grade.FAIL
 
 
 AT_ONCE = Trace(

@@ -90,6 +90,47 @@ def test_what_never_comes_in_a_recording_is_vacuous(more):
     assert result(more) == ("VACUOUS", NEVER[more])
 
 
+LOSS = "expectations: [{expect: never, of: {failure: %s}, to: 20.0}]\n"
+PLANNER = "faults: [{process: mission_planner, fault: silent, at_s: 22.0}]\n"
+FULL = "faults: [{fault: storage_full, at_s: 22.0}]\n"
+SHOWN = {
+    (LOSS % "battery_critical", ""): ("PASS", ""),
+    (LOSS % "height", ""): ("PASS", ""),
+    (LOSS % "flight_time", ""): ("PASS", ""),
+    (LOSS % "user_hold", ""): ("PASS", ""),
+    (LOSS % "distance", ""): ("VACUOUS", "position: scripted, not recorded"),
+    (LOSS % "tilt", ""): ("VACUOUS", "autopilot: scripted, not recorded"),
+    (LOSS % "planner_failed", ""): ("VACUOUS", "planner: scripted, not recorded"),
+    (LOSS % "autopilot_status", ""): ("VACUOUS", "the autopilot's link: scripted, not recorded"),
+    (LOSS % "clock", ""): ("VACUOUS", "nothing in a replay tells it"),
+    (LOSS % "planner_status", PLANNER): ("PASS", ""),
+    (LOSS % "recorder_dead", PLANNER): ("VACUOUS", "recorder: scripted, not recorded"),
+    (LOSS % "recorder_dead", FULL): ("PASS", ""),
+}
+
+
+@pytest.mark.slow_rows
+@pytest.mark.parametrize("expectation,fault", SHOWN)
+def test_that_a_loss_never_comes_is_vacuous_where_nothing_could_show_it(expectation, fault):
+    Path("x.scenario.yaml").write_text(SCENARIO.partition("expectations:")[0] + fault + expectation)
+    (task,) = tasks_of([Path("x.scenario.yaml")], Options(goldens=False))
+    (finding,) = run_task(task).findings
+    verdict, reason = SHOWN[expectation, fault]
+    loss = finding.expectation.split(",")[0].split()[-1]
+    words = f"nothing shows {loss} in this run: {reason}" if reason else "not between +0.000 s and +20.000 s"
+    assert (finding.grade.value, finding.text) == (verdict, words)
+
+
+def test_a_battery_that_is_not_recorded_is_never_critical(tmp_path):
+    (tmp_path / "flight.bag").unlink()
+    write_bag(tmp_path / "flight.bag", [row for row in flight_rows() if row[1] != "/battery"])
+    words = "nothing shows battery_critical in this run: battery: scripted, not recorded"
+    expectation = LOSS % "battery_critical"
+    Path("x.scenario.yaml").write_text(SCENARIO.partition("expectations:")[0] + expectation)
+    (task,) = tasks_of([Path("x.scenario.yaml")], Options(goldens=False))
+    assert run_task(task).findings[0].text == words
+
+
 def test_a_golden_of_nothing_judges_nothing_and_is_not_accepted(capsys):
     Path("x.scenario.yaml").write_text(SCENARIO.partition("expectations:")[0] + "to_s: 2.0\n")
     words = "it has no expectations, and nothing was decided: nothing was judged"

@@ -15,7 +15,10 @@ from amaze_autonomy.engine.state import State
 from ..engine.rules import Code
 from .journal import decode
 
-READINGS = ("height_m", "battery_fraction", "position_x_m", "position_y_m", "vertical_speed_m_s")
+READINGS = (
+    *("height_m", "battery_fraction", "position_x_m", "position_y_m", "distance_m", "vertical_speed_m_s"),
+    "tilt_deg",
+)
 """Fields of the autopilot's status whose crossing of a level can be an anchor."""
 
 
@@ -40,6 +43,7 @@ class Trace:
         readings: (time, value) of each of READINGS.
         faults: when each began, in the order of the scenario; None: it never did.
         begin_ns: of the run, where it begins later than its zero: it is a part of a recording.
+        blind: losses that nothing in the run can show, by name, and why.
     """
 
     start_ns: int
@@ -50,6 +54,7 @@ class Trace:
     readings: Mapping[str, Tuple[Tuple[int, float], ...]] = field(default_factory=dict)
     faults: Tuple[Optional[int], ...] = ()
     begin_ns: int = 0
+    blind: Mapping[str, str] = field(default_factory=dict)
 
     def seconds(self, t_ns: int) -> float:
         """Return a time as seconds from the start."""

@@ -36,7 +36,7 @@ from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.events import Mission
-from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS, Bound
+from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS, Bound, FailsafeCondition, Silent
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.monitoring.specs import RangeSource
 
@@ -126,6 +126,40 @@ MISSION_FACTS: Mapping[str, Tuple[str, ...]] = {
 
 RULE_FACTS: Mapping[str, Tuple[str, ...]] = {"require_go": ("log",)}
 """Likewise for what is no limit; what is not here is of the checks."""
+
+
+SAID_FACTS: Mapping[str, Tuple[str, ...]] = {"planner_failed": ("planner",)}
+"""Likewise for a loss that a status says itself, without a limit."""
+
+PEER_FACTS: Mapping[str, Tuple[str, ...]] = {
+    "autopilot": (
+        *("autopilot", "armed", "landed", "height", "position", "speed", "mode", "battery", "link"),
+        "stamps",
+    ),
+    "mission_planner": ("planner", "stamps"),
+    "data_recorder": ("recorder", "stamps"),
+    "landing_detection": ("landing_detection", "stamps"),
+    "watchdog": ("watchdog",),
+}
+"""For each peer the facts that its status tells."""
+
+
+def blind_losses(facts: FrozenSet[str]) -> Dict[str, str]:
+    """Return the losses that nothing in a replay can show, and why: what they look at is scripted.
+
+    Args:
+        facts: that the recording tells (`recorded_facts`), or that a fault of a scripted peer changes.
+    """
+    needed = {
+        row.name: (*SAID_FACTS.get(row.name, ()), *(fact for limit in _limits(row) for fact in facts_of(limit)))
+        for row in FAILSAFE_CONDITIONS
+    }
+    reasons = {name: _told(tuple(dict.fromkeys(those)), facts) for name, those in needed.items()}
+    return {name: reason for name, reason in reasons.items() if reason}
+
+
+def _limits(row: FailsafeCondition) -> Tuple[str, ...]:
+    return tuple(when.limit for when in row.when if isinstance(when, (Silent, Bound)))
 
 
 def facts_of(limit: str) -> Tuple[str, ...]:
@@ -386,11 +420,7 @@ def recorded_facts(plan: Plan, recordings: Recordings, *, log: bool) -> FrozenSe
         facts |= {"height", "landed", "landing_detection"}
     if "height" in found:
         facts.add("landed")
-    if "autopilot" in told:
-        facts |= {"autopilot", "armed", "landed", "height", "position", "speed", "mode", "battery", "link", "stamps"}
-    names = {"mission_planner": "planner", "data_recorder": "recorder", "landing_detection": "landing_detection"}
-    for name, fact in names.items():
-        facts |= {fact, "stamps"} if name in told else set()
+    facts |= {fact for name in told for fact in PEER_FACTS.get(name, ())}
     watched = any(topic.topic in heard for spec in plan.components for topic in spec.topics)
     if watched or "watchdog_info" in told or "watchdog_action" in told:
         facts.add("watchdog")

@@ -88,6 +88,7 @@ class Outcome:
         disagreements: where what they said is not what the recorded sensors say.
         unread: changed keys of the configuration that nothing looked at.
         beginning: of the recording: on the ground, or in the air.
+        facts: that the recording tells (`changed_keys.recorded_facts`).
         scripted: what of the vehicle and its nodes the recording never tells; required components among it.
         unseen: those components: the configuration requires them, and nothing in the recording says a word of them.
             Each with the topics that the recording lacks; none: it lacks all of its topics.
@@ -111,6 +112,7 @@ class Outcome:
     disagreements: Tuple[Disagreement, ...] = ()
     unread: Tuple[Unread, ...] = ()
     beginning: Optional[Beginning] = None
+    facts: FrozenSet[str] = frozenset()
     scripted: Tuple[str, ...] = ()
     flights: Tuple[Flight, ...] = ()
     unseen: Mapping[str, Tuple[str, ...]] = field(default_factory=dict)
@@ -524,6 +526,7 @@ class Session:
             unread=self._unread(),
             beginning=self._at_first,
             flights=armings(self._world.motors, end_ns),
+            facts=self._facts(),
             scripted=(*(name for name in _SCRIPTED if name not in self._facts()), *unseen),
             unseen=unseen,
             mission=self._state.session.mission or self._plan.mission,

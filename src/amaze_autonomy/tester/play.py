@@ -28,7 +28,17 @@ from ..engine.rules import ComponentRule
 from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, make_header, rules_of
 from ..journal.trace import Trace, trace_of
 from ..replay.beginning import beginning_of, selected_ns
-from ..replay.changed_keys import DecidedKeys, Part, Unread, changes_of, keys_of, unread_in_journal, written
+from ..replay.changed_keys import (
+    PEER_FACTS,
+    DecidedKeys,
+    Part,
+    Unread,
+    blind_losses,
+    changes_of,
+    keys_of,
+    unread_in_journal,
+    written,
+)
 from ..replay.errors import DamagedInputError, ReplayError
 from ..replay.faults.kinds import TOPIC, Acting
 from ..replay.faults.story import Story
@@ -367,7 +377,8 @@ def _played(
     outcome: Outcome, zero_ns: int, acting: Sequence[Acting], touched: Sequence[int], broken: Sequence[str]
 ) -> Played:
     began = tuple(None if each.begin_ns == _NEVER else each.begin_ns for each in acting)
-    trace = replace(trace_of(outcome.journal, zero_ns, outcome.end_ns, began), begin_ns=outcome.start_ns)
+    blind = blind_losses(outcome.facts | {fact for each in acting for fact in _facts_of(each.fault)})
+    trace = replace(trace_of(outcome.journal, zero_ns, outcome.end_ns, began), begin_ns=outcome.start_ns, blind=blind)
     vacuous = [
         f"{each.fault} touched nothing" if each.begin_ns != _NEVER else f"{each.fault} never began"
         for each, count in zip(acting, touched)
@@ -377,6 +388,13 @@ def _played(
     marks = _marks_of_bags(outcome, zero_ns, acting)
     idle = tuple(number for number, count in enumerate(touched) if not count)
     return Played(outcome.journal, trace, tuple(vacuous), tuple(broken), marks, outcome.unread, idle)
+
+
+def _facts_of(fault: Fault) -> Tuple[str, ...]:
+    """Return the facts that a fault of a scripted peer changes: what looks at them can fail by it."""
+    if fault.kind.name == "storage_full":
+        return PEER_FACTS["data_recorder"]
+    return PEER_FACTS.get(fault.target.partition("/")[0], ())  # a topic begins with "/"
 
 
 def _marks_of_bags(outcome: Outcome, zero_ns: int, acting: Sequence[Acting]) -> Tuple[Mark, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from ...journal.trace import Span, Trace
-from .model import Expectation, Finding, Grade, Moment, Pattern, instants, moments, spans, unwatched
+from .model import Expectation, Finding, Grade, Moment, Pattern, instants, moments, spans, unseen
 
 _NS = 1e9
 _ROUNDED_NS = 1_000_000_000  # who writes a time down rounds it
@@ -80,9 +80,9 @@ def judge(expectation: Expectation, trace: Trace, anchors: Mapping[str, Optional
     window = _window(expectation, trace, anchors)
     if isinstance(window, str):
         return _finding(expectation, trace, None, _Found(Grade.VACUOUS, window))
-    blind = [name for name in (unwatched(pattern, trace) for _, pattern in expectation.patterns) if name]
+    blind = [words for words in (unseen(pattern, trace) for _, pattern in expectation.patterns) if words]
     if blind:
-        return _finding(expectation, trace, window, _Found(Grade.VACUOUS, f"nobody watched {blind[0]} in this run"))
+        return _finding(expectation, trace, window, _Found(Grade.VACUOUS, blind[0]))
     found = _JUDGES[expectation.kind.name](_Look(expectation, trace, window))
     if found.grade is Grade.PASS and window.asked_ns > trace.end_ns + _ROUNDED_NS and _may_break(expectation):
         there = f"and the run ends there, before {trace.seconds(window.asked_ns):+.3f} s"

@@ -11,7 +11,7 @@ from amaze_autonomy.config.document import Entry, Items, Scalar, Table
 from amaze_autonomy.config.kinds import Address, Choice, Kind, ListOf, Number, Places, Text, Whole, described, refuse
 from amaze_autonomy.config.schema import REQUIRED, Group, Key
 from amaze_autonomy.engine.commands import Decision, MissionAction
-from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS, USER_HOLD
+from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS, USER_HOLD, Bound
 from amaze_autonomy.engine.state import State, Step
 from amaze_autonomy.engine.transitions import TRANSITIONS
 
@@ -61,19 +61,38 @@ class Pattern:
         return next(f"{word} {value}" for word, value in kinds if value)
 
 
+_STATUS = "autopilot."
 LOSSES = (*(row.name for row in FAILSAFE_CONDITIONS), USER_HOLD)
 """What the engine itself looks at in every run, so that a decision can be about it."""
 
 
-def unwatched(pattern: Pattern, trace: Trace) -> str:
-    """Return the component that a pattern is about and no watchdog said a word of; empty: it can happen.
+def unseen(pattern: Pattern, trace: Trace) -> str:
+    """Return why what a pattern is about cannot happen in a run; empty: it can.
 
-    What nobody watches never fails, whatever the rules are.
+    A component of which no watchdog said a word never fails, whatever the rules are; nor does what a loss looks at come
+    where nothing tells it.
     """
-    name = pattern.component or ("" if pattern.failure in LOSSES else pattern.failure)
-    if not name or name in trace.codes or (pattern.failure and name in map(about, trace.decisions)):
+    name = pattern.component or pattern.failure
+    if not name or (pattern.failure and name in map(about, trace.decisions)):
         return ""
-    return name
+    if pattern.failure in LOSSES:
+        reason = trace.blind.get(name) or _unknown(name, trace)
+        return f"nothing shows {name} in this run: {reason}" if reason else ""
+    return "" if name in trace.codes else f"nobody watched {name} in this run"
+
+
+def _unknown(loss: str, trace: Trace) -> str:
+    """Return that every value which a loss compares with a limit is unknown all along; empty: it can be seen."""
+    conditions = [when for row in FAILSAFE_CONDITIONS if row.name == loss for when in row.when]
+    bounds = [when for when in conditions if isinstance(when, Bound) and when.field.startswith(_STATUS)]
+    values = (trace.readings.get(when.field[len(_STATUS) :], ()) for when in bounds)
+    if (
+        not bounds
+        or len(bounds) < len(conditions)
+        or any(t_ns >= trace.begin_ns for each in values for t_ns, _ in each)
+    ):
+        return ""
+    return f"{bounds[0].words} is unknown all along"
 
 
 class Moment(NamedTuple):
