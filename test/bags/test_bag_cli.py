@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bag_tools import COMPRESSIONS, MS, bag, digest, every_kill, multiset, rows, text, unclosed
-from replay_bags import START_NS
+from replay_bags import START_NS, write_bag
 
 from amaze_autonomy.bags.arrays import index_records
 from amaze_autonomy.bags.cli import main
@@ -203,6 +203,30 @@ def test_doctor_says_where_it_is_damaged(capsys, tmp_path, two):
     assert out.splitlines()[1].endswith(f" to {size}: the index is damaged or cut")
     status, out, _ = run(capsys, "doctor", "--quick", "--json", cut)
     assert (status, json.loads(out)[0]["closed"], json.loads(out)[0]["lost"]) == (3, False, 0)
+
+
+@pytest.mark.parametrize("chunk_bytes", [300, 100_000])
+def test_doctor_says_that_a_clock_was_set_back(capsys, tmp_path, chunk_bytes):
+    later = [(t_ns - 500 * MS, *rest) for t_ns, *rest in rows("/a", 100, first_ms=1000)]
+    source = write_bag(tmp_path / "set.bag", [*rows("/a", 100), *later], chunk_bytes=chunk_bytes)
+    active = unclosed(source, tmp_path / "set.bag.active")
+    words = (
+        "its clock was set back by 0.490 s or more at +0.990 s: what was recorded before and after lies at the same "
+        "times, from +0.500 s on, where no silence can be seen"
+    )
+    for options in ((), ("--quick",)):
+        status, out, _ = run(capsys, "doctor", *options, source)
+        assert (status, out.splitlines()[0].split(";")[1], out.splitlines()[1:]) == (
+            3,
+            " lost: 0 messages",
+            [f"  {words}"],
+        )
+    status, out, _ = run(capsys, "doctor", active)
+    assert (status, out.splitlines()[-1]) == (3, f"  {words}")
+    (found,) = json.loads(run(capsys, "doctor", "--json", source)[1])
+    assert (found["clock_set_back_s"], found["damages"]) == (0.49, [])
+    (found,) = json.loads(run(capsys, "doctor", "--json", write_bag(tmp_path / "good.bag", rows("/a", 100)))[1])
+    assert found["clock_set_back_s"] is None
 
 
 def test_recover_says_what_was_lost(capsys, tmp_path, two):

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from replay_bags import flight_rows, write_bag
+from replay_bags import START_NS, S, flight_rows, write_bag
 
 from amaze_autonomy.tester import Options, run_task, tasks_of
+from amaze_autonomy.tester.command import main
 
 MAP = Path(__file__).parents[1] / "replay" / "flight.yaml"
 SCENARIO = """\
@@ -60,6 +61,20 @@ def test_a_range_that_the_recording_does_not_reach_is_inconclusive():
     assert result(9.8, 0.2, more="to_s: 36.5\n")[0] == "PASS"  # a rounded length
     words = "to_s is 60.000 s, and the recording ends at +35.980 s"
     assert result(9.8, 0.2, more="to_s: 60.0\n") == ("INCONCLUSIVE", (words,))
+
+
+def test_a_silence_that_a_clock_hid_by_being_set_back_is_inconclusive():
+    """The later messages lie in the hole; of the flight nothing else is known to be wrong."""
+    assert result(9.8, 0.2)[0] == "PASS"
+    rows = flight_rows(silent={"/mag": (20.0, 24.0)})
+    Path("flight.bag").unlink()
+    write_bag(Path("flight.bag"), [(t_ns - 4 * S * (t_ns >= START_NS + 24 * S), *rest) for t_ns, *rest in rows])
+    (task,) = tasks_of([Path("x.scenario.yaml")], Options(goldens=False))
+    found = run_task(task)
+    words = "flight.bag: its clock was set back by 3.980 s or more at +23.980 s: "
+    assert (found.verdict.value, found.headline[: len(words)]) == ("INCONCLUSIVE", words)
+    assert main(["run", "flight.bag", "--map", "flight.yaml"]) == 3
+    assert result(9.8, 0.2, more="to_s: 19.9\n")[0] == "PASS"
 
 
 def test_what_the_script_plays_until_a_topic_begins_is_not_missing():

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 from contextlib import suppress
 from functools import lru_cache
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -79,6 +79,15 @@ def joined_parts(parts: List[Tuple[int, Any]]) -> Tuple[Any, Any, Any]:
         np.repeat(numbers, [len(part) // INDEX_ENTRY for _, part in parts]),
         entries[:, 2],
     )
+
+
+def by_connection(connection: Any) -> Dict[int, Any]:
+    """Return the places of each number in an array."""
+    small = connection.astype(np.uint16) if len(connection) and connection.max() < 1 << 16 else connection
+    order = np.argsort(small, kind="stable")  # of small numbers in no time
+    ordered = connection[order]
+    firsts = np.flatnonzero(np.diff(ordered, prepend=-1))
+    return dict(zip(ordered[firsts].tolist(), np.split(order, firsts[1:])))
 
 
 def repeated(numbers: List[int], counts: List[int]) -> Any:
@@ -335,3 +344,59 @@ def relabel(buffer: Any, table: Table, connection: Any, shift_ns: int) -> Table:
             struct.pack_into("<L", buffer, start + at[0], number)
             struct.pack_into("<LL", buffer, start + at[1], *divmod(time, SECOND))
     return table._replace(t_ns=t_ns, connection=connection)
+
+
+# --- a clock that was set back ----------------------------------------------------------------------------------------
+# A recorder writes messages as they come. Where a later one has an earlier time its clock was set, and what readers put
+# in order of time lies one over the other. Each connection is looked at alone: a converter may write topic by topic.
+
+
+_UNSET_NS = SECOND // 10  # writers with several threads are not late by as much
+
+
+class SetBack(NamedTuple):
+    """A recorder's clock that was set back.
+
+    Args:
+        by_ns: how far at least: from a message to the next one of its connection.
+        from_ns: first time at which there are messages of before and of after it.
+        to_ns: last such time: that of the last message before it.
+    """
+
+    by_ns: int
+    from_ns: int
+    to_ns: int
+
+    def words(self, start_ns: int) -> str:
+        """Return it as a sentence; times count from `start_ns`."""
+        from_s, to_s = ((t_ns - start_ns) / SECOND for t_ns in (self.from_ns, self.to_ns))
+        return (
+            f"its clock was set back by {self.by_ns / SECOND:.3f} s or more at {to_s:+.3f} s: what was recorded before "
+            f"and after lies at the same times, from {from_s:+.3f} s on, where no silence can be seen"
+        )
+
+
+def set_back(connections: Iterable[Tuple[Any, Any, Any]]) -> Optional[SetBack]:
+    """Return whether a clock was set back while a file was recorded; no data is read.
+
+    Args:
+        connections: of each the times of its messages, their chunks (in the order of the file), and offsets in them.
+    """
+    steps = [step for step in (_step(*each) for each in connections if len(each[0]) > 1) if step is not None]
+    if not steps:
+        return None
+    by_ns, from_ns, to_ns = zip(*steps)
+    return SetBack(max(by_ns), min(from_ns), max(to_ns))
+
+
+def _step(t_ns: Any, chunk: Any, offset: Any) -> Optional[SetBack]:
+    far = np.diff(chunk)
+    if bool(((far < 0) | ((far == 0) & (np.diff(offset) < 0))).any()):
+        t_ns = t_ns[np.lexsort((offset, chunk))]
+    if bool((np.diff(t_ns) >= 0).all()):
+        return None
+    latest = np.maximum.accumulate(t_ns)
+    late = np.flatnonzero(latest - t_ns > _UNSET_NS)
+    if not len(late):
+        return None
+    return SetBack(int((latest - t_ns).max()), int(t_ns[late].min()), int(latest[late].max()))

@@ -284,6 +284,7 @@ def _info(options: argparse.Namespace) -> bool:
 
 def _doctor(options: argparse.Namespace) -> bool:
     """Show what is damaged."""
+    from .info import clock_set_back
     from .recover.scan import scan
 
     lines: List[str] = []
@@ -293,9 +294,10 @@ def _doctor(options: argparse.Namespace) -> bool:
         nonlocal damaged
         with _progress_bar(f"look through {path.name}") as progress:
             found = scan(path, check_data=not options.quick, memory=options.memory, progress=progress)
-        lines.extend(_scan_lines(found))
-        damaged = damaged or bool(found.damages) or not found.closed
-        return _scan_result(found)
+        step, start_ns = clock_set_back(found)
+        lines.extend(_scan_lines(found, [] if step is None else [step.words(start_ns)]))
+        damaged = damaged or bool(found.damages) or not found.closed or step is not None
+        return {**_scan_result(found), "clock_set_back_s": None if step is None else step.by_ns / SECOND}
 
     results, errors = _each(options.bags, look)
     _show(lines, results, as_json=options.json)
@@ -589,12 +591,12 @@ def _scan_result(found: Scan) -> Dict[str, Any]:
     }
 
 
-def _scan_lines(found: Scan) -> List[str]:
-    """Return the damages of a file."""
-    verdict = "is good" if not found.damages and found.closed else f"lost: {_lost(found.lost)}"
+def _scan_lines(found: Scan, besides: Sequence[str]) -> List[str]:
+    """Return the damages of a file, and what is wrong besides."""
+    verdict = "is good" if not (found.damages or besides) and found.closed else f"lost: {_lost(found.lost)}"
     verdict += _UNCHECKED if not found.checked else ""
     head = f"{found.path}: {found.messages:,} messages in {len(found.chunks):,} chunks; {verdict}"
-    return [head, *(f"  {each}" for each in found.damages)]
+    return [head, *(f"  {each}" for each in (*found.damages, *besides))]
 
 
 def _recover_lines(done: Recovered) -> List[str]:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import os
 from collections import Counter
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
 
 import numpy as np
 
 from amaze_autonomy.units import SECOND
 
-from .arrays import joined_parts
+from .arrays import SetBack, by_connection, joined_parts, repeated, set_back
 from .errors import BagError, NotClosedError
 from .format import MEMORY, read_at, record_at
-from .index import ChunkHead, Index, chunk_head, index_parts
+from .index import ChunkHead, Index, Messages, chunk_head, index_parts
 from .other_formats import is_other, other_recording
 from .recover.scan import Scan, scan
 
@@ -47,16 +47,27 @@ def info_result(path: Path, memory: int = MEMORY) -> Dict[str, Any]:
             return {"file": str(path), "bytes": index.size, "closed": True, "problem": "", **about}
     except BagError as error:
         found = scan(path, check_data=False, memory=memory)
-        t_ns, connection, heads = _columns(found)
-        about = _about(found.connections, t_ns, connection, heads)
+        messages, heads = _columns(found)
+        about = _about(found.connections, messages.t_ns, messages.connection, heads)
         wrong = {"closed": False, "problem": error.wrong, "damaged": not isinstance(error, NotClosedError)}
         return {"file": str(path), "bytes": found.size, **wrong, **about}
 
 
-def _columns(found: Scan) -> Tuple[Any, Any, List[ChunkHead]]:
-    """Return times and connections of all messages that can be kept, and the headers of their chunks."""
+def clock_set_back(found: Scan) -> Tuple[Optional[SetBack], int]:
+    """Return whether the clock of a bag that was looked through was set back, and the time of its first message."""
+    messages, _ = _columns(found)
+    if not len(messages.t_ns):
+        return None, 0
+    columns = (messages.t_ns, messages.chunk, messages.offset)
+    rows = by_connection(messages.connection).values()
+    return set_back(tuple(column[each] for column in columns) for each in rows), int(messages.t_ns.min())
+
+
+def _columns(found: Scan) -> Tuple[Messages, List[ChunkHead]]:
+    """Return all messages that can be kept, and the headers of their chunks."""
     parts: List[Any] = []
     heads: List[ChunkHead] = []
+    counts: List[int] = []
     file = os.open(found.path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         for chunk in found.chunks:
@@ -64,11 +75,12 @@ def _columns(found: Scan) -> Tuple[Any, Any, List[ChunkHead]]:
             if raw is None:
                 raw = read_at(file, chunk.end - chunk.data_end, chunk.data_end)
             parts += index_parts(raw, 0, len(raw), dict(chunk.counts))[0]
+            counts.append(sum(count for _, count in chunk.counts))
             heads.append(_head(file, chunk.position, chunk.compression, chunk.data))
     finally:
         os.close(file)
-    t_ns, connection, _ = joined_parts(parts)
-    return t_ns, connection, heads
+    t_ns, connection, offset = joined_parts(parts)
+    return Messages(t_ns, connection, repeated(list(range(len(counts))), counts), offset), heads
 
 
 def _head(file: int, position: int, compression: str, data: Any) -> ChunkHead:

@@ -14,6 +14,7 @@ import sqlite3
 import struct
 from collections import Counter
 from contextlib import redirect_stdout
+from functools import cached_property
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,6 +23,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from .arrays import SetBack, set_back
 from .definitions import types_of
 from .errors import BagError, MessageError, UndecodableError, cut_words
 from .format import MEMORY
@@ -33,6 +35,7 @@ __all__ = ["Channel", "OtherRecording", "content_files", "is_other", "other_reco
 
 _SQLITE, _ULOG = b"SQLite format 3\x00", b"ULog\x01\x12\x35"
 _METADATA = "metadata.yaml"
+_OF_ULOG = "ulog"
 
 
 class OtherRecording:
@@ -94,6 +97,12 @@ class OtherRecording:
         files = [self.path] if self.path.is_file() else [each for each in self.path.iterdir() if each.is_file()]
         return sum(each.stat().st_size for each in files)
 
+    @cached_property
+    def set_back(self) -> Optional[SetBack]:
+        """Whether its recorder's clock was set back; that of a ULog counts from the start of PX4."""
+        recorded = (number for number, channel in self.channels.items() if channel.encoding != _OF_ULOG)
+        return set_back(self._places[number] for number in recorded if number in self._places)
+
     def times(self) -> Tuple[Any, Any]:
         """Return time and channel of every message."""
         numbers = [np.full(len(places[0]), number) for number, places in self._places.items()]
@@ -127,7 +136,7 @@ class OtherRecording:
         """
         raw = self.raw(entry)
         channel = self.channels[entry.connection]
-        if channel.encoding == "ulog":
+        if channel.encoding == _OF_ULOG:
             return raw
         try:
             if entry.connection not in self._decoders:
@@ -373,13 +382,13 @@ def _ulog(path: Path) -> OtherRecording:
         times = each.data["timestamp"].astype(np.int64) * 1000 + offset_ns
         order = np.argsort(times, kind="stable")
         channels[number] = Channel(
-            _ulog_topic(each.name, each.multi_id), f"px4_msgs/{_camel(each.name)}", encoding="ulog"
+            _ulog_topic(each.name, each.multi_id), f"px4_msgs/{_camel(each.name)}", encoding=_OF_ULOG
         )
         places[number] = (times[order], np.zeros(len(order), np.int64), order)
     texts = [each for each in log.logged_messages if each.timestamp < _LATEST_US]
     if texts:
         times = np.array([each.timestamp * 1000 + offset_ns for each in texts], np.int64)
-        channels[len(channels)] = Channel(_TEXTS, "px4_msgs/LoggedMessage", encoding="ulog")
+        channels[len(channels)] = Channel(_TEXTS, "px4_msgs/LoggedMessage", encoding=_OF_ULOG)
         places[len(places)] = (times, np.zeros(len(texts), np.int64), np.arange(len(texts)))
     fields = [_Fields(each) for each in log.data_list]
 

@@ -13,12 +13,13 @@ from __future__ import annotations
 import struct
 from collections import OrderedDict
 from contextlib import suppress
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
+from .arrays import SetBack, by_connection, set_back
 from .columns import WHOLE, Wanted, read_columns, wanted_of
 from .definitions import types_of
 from .errors import BagError, MessageError, NotABagError, OtherBagError, UndecodableError
@@ -168,7 +169,7 @@ class Indexed:
         except BagError:
             self.index.close()
             raise
-        self._rows = _by_connection(self.messages.connection)
+        self._rows = by_connection(self.messages.connection)
         self._places: Dict[int, _Place] = {}
         self._chunk_positions: Any = np.array([chunk.position for chunk in self.index.chunks], np.int64)
         self._numbers = {chunk.position: number for number, chunk in enumerate(self.index.chunks)}
@@ -255,15 +256,6 @@ class Library:
     def close(self) -> None:
         """Close the file."""
         self._reader.close()
-
-
-def _by_connection(connection: Any) -> Dict[int, Any]:
-    """Return the places of each number in an array."""
-    small = connection.astype(np.uint16) if len(connection) and connection.max() < 1 << 16 else connection
-    order = np.argsort(small, kind="stable")  # of small numbers in no time
-    ordered = connection[order]
-    firsts = np.flatnonzero(np.diff(ordered, prepend=-1))
-    return dict(zip(ordered[firsts].tolist(), np.split(order, firsts[1:])))
 
 
 def opened(path: Path, memory: int = MEMORY) -> Any:
@@ -445,6 +437,11 @@ class Recording:
     def end_ns(self) -> Optional[int]:
         """Time of the last message; None when there is none."""
         return max((topic.last_ns for topic in self.topics if topic.messages), default=None)
+
+    @cached_property
+    def set_back(self) -> Optional[SetBack]:
+        """Whether its recorder's clock was set back, from the index alone."""
+        return set_back(self._bag.places(number) for number in self._links)
 
     def entries(self, topic: str) -> List[Entry]:
         """Return all messages of a topic in the order of the recording, from the index alone."""

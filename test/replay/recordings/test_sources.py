@@ -7,6 +7,7 @@ from other_recordings import write_mcap
 from replay_bags import START_NS, S, break_chunk, number, write_bag
 
 from amaze_autonomy.replay.errors import NoMessagesError, TimeJumpError, UnknownTopicError
+from amaze_autonomy.replay.faults.stream import FaultedRecordings
 from amaze_autonomy.replay.recordings.sources import Recordings, TopicFigures, recordings_of, spans_of
 
 
@@ -105,3 +106,53 @@ def test_a_recording_in_which_a_clock_was_set_is_refused_with_the_times(tmp_path
         "x.bag: no message for 444,444.4 h between 5.000 s and 1600000000.000 s: a clock was set, or the index is "
         "damaged; cut it there with `amaze-bag cut`"
     )
+
+
+def stepped(back_s=4.0, silent=(16, 20)):
+    """Return rows of two topics for 40 s in the order of the file; at 20 s the recorder's clock is set back."""
+    rows = []
+    for t_s in range(40):
+        at = START_NS + t_s * S - (round(back_s * S) if t_s >= silent[1] else 0)
+        rows += [] if silent[0] <= t_s < silent[1] else [(at, "/imu", number(t_s))]
+        rows.append((at + 1, "/b", number(t_s)))
+    return rows
+
+
+SET_BACK = (
+    "its clock was set back by 3.000 s or more at +19.000 s: what was recorded before and after lies at the same "
+    "times, from +16.000 s on, where no silence can be seen"
+)
+
+
+def problems(path, *part):
+    with Recordings([path], ("/imu", "/b")) as recordings:
+        return FaultedRecordings(recordings, *part).problems if part else recordings.problems
+
+
+@pytest.mark.parametrize("write", [write_bag, write_mcap])
+@pytest.mark.parametrize("size", [100_000, 300])
+def test_a_clock_that_was_set_back_hides_a_silence_and_is_said(tmp_path, write, size):
+    more = {"chunk_bytes": size} if write is write_bag else {}
+    path = write(tmp_path / "x.bag", stepped(), **more)
+    with Recordings([path], ("/imu",)) as recordings:
+        assert recordings.figures()[0].longest_gap_s == 1.0
+        assert recordings.problems == (f"x.bag: {SET_BACK}",)
+
+
+def test_it_is_said_of_a_part_only_where_it_lies(tmp_path):
+    path = write_bag(tmp_path / "x.bag", stepped())
+    parts = ((0, 15 * S), (10 * S, 30 * S), (20 * S, None), (0, 17 * S))
+    assert [bool(problems(path, *part)) for part in parts] == [False, True, False, True]
+
+
+def test_it_is_said_of_a_clock_near_0_at_its_place(tmp_path):
+    path = write_bag(tmp_path / "x.bag", [(t_ns - START_NS + S, *rest) for t_ns, *rest in stepped()])
+    with Recordings([path], ("/imu", "/b"), replayed=True) as recordings:
+        assert recordings.problems == (f"x.bag: {SET_BACK}",)
+        assert FaultedRecordings(recordings, 0, 15 * S).problems == ()
+
+
+def test_what_is_a_little_late_or_written_topic_by_topic_is_no_step(tmp_path):
+    assert problems(write_bag(tmp_path / "x.bag", stepped(back_s=1.09))) == ()  # of messages a second apart
+    by_topic = sorted(stepped(back_s=0.0), key=lambda row: row[1])
+    assert problems(write_bag(tmp_path / "y.bag", by_topic)) == ()

@@ -83,6 +83,22 @@ def test_a_normal_mission_is_flown_to_its_end():
     assert (outcome.state.session.result.value, outcome.counterfactual_ns) == ("COMPLETE", None)
 
 
+def test_a_log_whose_clock_was_set_back_is_said(tmp_path):
+    """Its records are put in order of time, so that a silence of three seconds would be filled by what came later."""
+    data, said = recording("px4_normal_mission.tlog").read_bytes(), []
+    begin_us, place = int.from_bytes(data[:8], "big"), 0
+    while place + 8 < len(data):
+        end = place + 8 + frame_at(data, place + 8).length
+        stamp_us = int.from_bytes(data[place : place + 8], "big")
+        said.append((stamp_us - 3_000_000 * (stamp_us >= begin_us + 20_000_000)).to_bytes(8, "big"))
+        said.append(data[place + 8 : end])
+        place = end
+    (tmp_path / "x.tlog").write_bytes(b"".join(said))
+    with Recordings([tmp_path / "x.tlog"], ("/autopilot/status",)) as recordings:
+        (problem,) = recordings.problems
+    assert re.match(r"x\.tlog: its clock was set back by 2\.99\d s or more at \+\d+\.\d+ s: ", problem)
+
+
 def test_a_lost_gps_is_flown_on_without_until_px4_itself_lands():
     """PX4: fix lost 21.8, failsafe announced 26.9, AUTO.LAND 27.7. The engine: GPS counts as low, so it flies on.
 

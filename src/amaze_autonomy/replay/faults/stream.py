@@ -43,14 +43,19 @@ class FaultedRecordings(Recordings):
         self.shift_ns, self.from_ns = inner.shift_ns, from_ns
         self._start_ns = inner.start_ns + from_ns
         self._end_ns = inner.end_ns if to_ns is None else min(inner.end_ns, inner.start_ns + to_ns)
-        if self._end_ns < inner.end_ns:  # what came after the end of the file is not of this part
-            self.problems = tuple(each for each in inner.problems if each not in inner.cuts)
+        elsewhere = set(inner.cuts) if self._end_ns < inner.end_ns else set()  # these are at the end of the file
+        elsewhere |= {words for words, times in inner.doubts.items() if not self._holds(*times)}
+        self.problems = tuple(each for each in inner.problems if each not in elsewhere)
         part = (sample for sample in inner.samples if self._start_ns <= sample.t_ns <= self._end_ns)
         self._items = [Item(sample.t_ns, sample, ()) for sample in part]
         self._samples = [item.sample for item in self._items]
         self.touched: List[int] = []
         self.faulted = False
         self._by_rank: Optional[List[List[int]]] = None
+
+    def _holds(self, from_ns: int, to_ns: int) -> bool:
+        """Return whether some of a time is in the part."""
+        return from_ns <= self._end_ns and to_ns >= self._start_ns
 
     @property
     def start_ns(self) -> int:

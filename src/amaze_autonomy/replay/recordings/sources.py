@@ -16,6 +16,7 @@ from typing import Any, Collection, Dict, Iterable, List, Mapping, NamedTuple, O
 import numpy as np
 
 from amaze_autonomy.bags import BagError, Entry, Recording
+from amaze_autonomy.bags.arrays import SetBack
 from amaze_autonomy.bags.errors import MessageError, NotABagError
 from amaze_autonomy.bags.format import MEMORY, is_log
 from amaze_autonomy.bags.index import Index
@@ -153,6 +154,7 @@ class Recordings:
             if topic not in known:
                 raise UnknownTopicError(topic, known)
         self.problems = problems_of(self.bags)
+        self.doubts = {words: times for bag in self.bags for words, times in _set_backs(bag)}
         self.cuts = tuple(cut for cut in (getattr(bag, "cut", "") for bag in self.bags) if cut)
         self.missing = tuple(topic for topic in self.topics if topic not in known or topic in self.muted)
         self._parts: Tuple[_Columns, ...] = tuple(self._of_topic(rank) for rank in range(len(self.topics)))
@@ -396,9 +398,21 @@ def _check_once(paths: Sequence[Path]) -> None:
 
 
 def problems_of(bags: Iterable[Any]) -> Tuple[str, ...]:
-    """Return what of opened recordings is missing, one line each: of a file that was not closed, or was cut."""
-    said = (getattr(bag, name, "") for bag in bags for name in ("problem", "cut"))
-    return tuple(words for words in said if words)
+    """Return what is wrong with opened recordings, one line each.
+
+    That is: a file was not closed, or was cut, or its recorder's clock was set back.
+    """
+    return tuple(words for bag in bags for words in (*_missing(bag), *(words for words, _ in _set_backs(bag))))
+
+
+def _missing(bag: Any) -> List[str]:
+    return [words for words in (getattr(bag, name, "") for name in ("problem", "cut")) if words]
+
+
+def _set_backs(bag: Any) -> List[Tuple[str, Tuple[int, int]]]:
+    """Return that a recorder's clock was set back, with the times between which it is not known what came when."""
+    found = getattr(bag, "set_back", None)
+    return [] if found is None else [(f"{bag.path.name}: {found.words(bag.start_ns)}", (found.from_ns, found.to_ns))]
 
 
 def _figures(topic: str, times: Any, begin_ns: int, end_ns: int) -> TopicFigures:
@@ -446,6 +460,12 @@ class Shifted:
     def end_ns(self) -> Optional[int]:
         """Time of its last message; None: it has none."""
         return None if self._bag.end_ns is None else self._bag.end_ns + SHIFT_NS
+
+    @property
+    def set_back(self) -> Optional[SetBack]:
+        """Whether its recorder's clock was set back."""
+        found: Optional[SetBack] = getattr(self._bag, "set_back", None)
+        return None if found is None else SetBack(found.by_ns, found.from_ns + SHIFT_NS, found.to_ns + SHIFT_NS)
 
     def entries(self, topic: str) -> List[Entry]:
         """Return the messages of a topic, not read yet."""

@@ -21,6 +21,7 @@ import numpy as np
 
 from amaze_autonomy.autopilot.link.wire import decode
 from amaze_autonomy.bags import BagError, Entry, Recording, Topic
+from amaze_autonomy.bags.arrays import set_back
 from amaze_autonomy.bags.errors import MessageError, cut_words
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.interface import health_fields, status_of
@@ -164,9 +165,12 @@ class Telemetry(Made):
 
     Args:
         path: of the file that they are from.
-        frames: time in ns and frame, in any order.
+        frames: time in ns and frame, those of a log in its order.
         counter: of the file's reader, complete when `frames` are used up.
         unread: messages with frames that cannot be read, a line each topic.
+
+    Attributes:
+        set_back: whether the clock of a log was set back.
     """
 
     def __init__(
@@ -178,8 +182,11 @@ class Telemetry(Made):
     ) -> None:
         super().__init__(path)
         self._unread = "; ".join(unread)
-        self._frames = sorted(frames, key=lambda each: each[0])
+        found = list(frames)
+        self._frames = sorted(found, key=lambda each: each[0])
         self._count = counter
+        times: Any = np.array([t_ns for t_ns, _ in found if counter is not None], np.int64)  # a bag tells its own
+        self.set_back = set_back([(times, np.zeros(len(times), np.int64), np.arange(len(times)))])
         self._read()
 
     @classmethod
