@@ -100,9 +100,10 @@ MISTAKES = {
     "when is; every run holds it: must be another",
     "expectations: [{expect: precedence, first: {rule: hold}, then: {rule: hold}}]": "expectations.0.then: is rule "
     "hold, as first is; every run holds it: must be another",
-    "expectations: [{expect: always, of: {component: lrf, code: 1}}]": "0.of.code: is the text '1'; must be one of "
-    "2, 4, 8, 16",
-    "anchors: {one: {happens: {component: lrf, code: 1}}}": "code: is the text '1'; must be one of 2, 4, 8, 16",
+    "expectations: [{expect: always, of: {component: lrf, code: 1}}]": "0.of.code: is the lowest, at or above "
+    "which every code is; must be 2, 4, 8 or 16",
+    "anchors: {one: {happens: {component: lrf, code: 1}}}": "anchors.one.happens.code: is the lowest, at or above "
+    "which every code is; must be 2, 4, 8 or 16",
     "matrix: {seed: [1, 2, 1]}": "matrix.seed: has 1 twice; must have each value once",
     "matrix: {faults.3.at_s: [1.0, 2.0]}": "matrix.faults.3.at_s: addresses nothing; must be a key of the scenario",
     "expectations: [{expect: always, of: {rule: hold}}]": "must be what lasts: a state or a component's code",

@@ -6,7 +6,7 @@ import pytest
 from other_recordings import write_mcap
 from replay_bags import START_NS, S, break_chunk, number, write_bag
 
-from amaze_autonomy.replay.errors import NoMessagesError, TimeJumpError, UnknownTopicError
+from amaze_autonomy.replay.errors import NoMessagesError, ReplayError, TimeJumpError, UnknownTopicError
 from amaze_autonomy.replay.faults.stream import FaultedRecordings
 from amaze_autonomy.replay.recordings.sources import Recordings, TopicFigures, recordings_of, spans_of
 
@@ -156,3 +156,30 @@ def test_what_is_a_little_late_or_written_topic_by_topic_is_no_step(tmp_path):
     assert problems(write_bag(tmp_path / "x.bag", stepped(back_s=1.09))) == ()  # of messages a second apart
     by_topic = sorted(stepped(back_s=0.0), key=lambda row: row[1])
     assert problems(write_bag(tmp_path / "y.bag", by_topic)) == ()
+
+
+TWICE = r"^%s and %s hold the same %d messages, of /a first: each would count twice; name one of them"
+
+
+def counted(path, first, last, topic="/a"):
+    return write_bag(path, [(START_NS + n * S // 7, topic, number(n)) for n in range(first, last)])
+
+
+def test_messages_that_two_recordings_hold_are_refused(tmp_path):
+    whole, copy = counted(tmp_path / "a.bag", 0, 100), tmp_path / "b.bag"
+    copy.write_bytes(whole.read_bytes())
+    part = counted(tmp_path / "part.bag", 50, 120)
+    for other, many in ((copy, 100), (part, 50)):
+        with pytest.raises(ReplayError, match=TWICE % ("a.bag", other.name, many)):
+            Recordings([whole, other], ("/a",))
+    mcap = write_mcap(tmp_path / "a.mcap", [(START_NS + n * S // 7, "/a", number(n)) for n in range(100)])
+    with pytest.raises(ReplayError, match=TWICE % ("a.bag", "a.mcap", 100)):
+        Recordings([whole, mcap], ("/a",))
+
+
+def test_recordings_that_follow_on_one_another_or_share_a_moment_or_another_topic_are_read(tmp_path):
+    whole = counted(tmp_path / "a.bag", 0, 100)
+    for name, first, topic in (("next.bag", 100, "/a"), ("near.bag", 95, "/a"), ("other.bag", 0, "/b")):
+        assert seen([whole, counted(tmp_path / name, first, first + 100, topic)], ("/a", "/b"))
+    two = counted(tmp_path / "two.bag", 0, 100)  # of no topic that is read
+    assert seen([counted(tmp_path / "x.bag", 0, 100, "/b"), two, counted(tmp_path / "y.bag", 0, 100)], ("/b",))

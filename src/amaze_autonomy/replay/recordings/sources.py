@@ -31,6 +31,7 @@ from .statuses import sent_by, status_rows, taped_statuses
 
 _S = 1_000_000_000
 _NO_MESSAGE = "there is no message in it"
+_HANDFUL = 5  # of messages at equal times in two recordings may be chance, or where one was cut off the other
 JUMP_NS = 3600 * _S  # no recording has nothing for so long: a clock was set
 _Rows = Sequence[Optional[Tuple[Any, ...]]]
 _Columns = Sequence[Any]
@@ -114,7 +115,7 @@ class Recordings:
         BagError: A bag cannot be read.
         UnknownTopicError: A muted topic is in none of them.
         NoMessagesError: There is no message of any wanted topic.
-        ReplayError: A recording is named twice.
+        ReplayError: A recording is named twice, or two hold the same messages.
         TimeJumpError: There is nothing for an hour between two messages.
     """
 
@@ -160,6 +161,7 @@ class Recordings:
         self._parts: Tuple[_Columns, ...] = tuple(self._of_topic(rank) for rank in range(len(self.topics)))
         if not self.count:
             raise self._nothing()
+        self._check_shared()
         self._check_times()
 
     faulted = False  # it is what was recorded
@@ -345,6 +347,19 @@ class Recordings:
         )
         count = len(t_ns)
         return t_ns, np.full(count, rank), np.full(count, number), *rest, np.arange(count)
+
+    def _check_shared(self) -> None:
+        """Refuse recordings that hold the same messages, by topic and time: each of them would come twice."""
+        shared: Dict[Tuple[Path, Path], List[str]] = {}
+        for topic, (t_ns, _, bags, *_) in zip(self.topics, self._parts):
+            twice = np.flatnonzero((np.diff(t_ns) == 0) & (np.diff(bags) > 0))
+            for one, other in zip(bags[twice].tolist(), bags[twice + 1].tolist()):
+                shared.setdefault((self.bags[one].path, self.bags[other].path), []).append(topic)
+        for (path, other_path), topics in shared.items():
+            if path != other_path and len(topics) > _HANDFUL:
+                same = f"{path.name} and {other_path.name} hold the same {len(topics)} messages, of {topics[0]} first"
+                right = "name one of them, or join them with `amaze-bag merge --duplicates drop`"
+                raise ReplayError(f"{same}: each would count twice; {right}")
 
     def _check_times(self) -> None:
         """Refuse a recording in which a clock was set: virtual time would go through all the years between."""

@@ -353,7 +353,7 @@ STEPS: Mapping[str, Tuple[str, ...]] = {
 """The steps of each state; a state of one step has none."""
 COMMANDS = (*_REQUESTS, *(each.name for each in MissionAction), *(f"RunCheck({each.name})" for each in CheckName))
 """Every command that a pattern can name."""
-_CODES = tuple(str(int(code)) for code in Code if code is not Code.NOMINAL)  # at or above the lowest is every code
+_CODES = "2, 4, 8 or 16"
 _TIME = Number(minimum=0.0, maximum=86_400.0)
 _NUMBERS: Mapping[str, Kind] = {
     "within_s": Number(minimum=0.0, maximum=86_400.0),
@@ -395,7 +395,7 @@ class PatternEntry(Kind):
             Key("command", Choice(COMMANDS), "it is sent", "", None),
             Key("failure", Text("a component or a loss", COMPONENT_NAME), "a decision is about it", "", None),
             Key("component", Text("a component", COMPONENT_NAME), "its code is looked at", "", None),
-            Key("code", Choice(_CODES), "at least so high", "", None),
+            Key("code", Choice(tuple(str(int(code)) for code in Code)), "at least so high", "", None),
         ),
     )
     _heads = ("state", "rule", "command", "failure", "component")
@@ -415,7 +415,9 @@ class PatternEntry(Kind):
             if values[name] is not None and given != [head]:
                 refuse(entry, (*address, name), "is given", f"goes with {head} only")
         if given == ["component"] and values["code"] is None:
-            refuse(entry, (*address, "code"), "is missing", f"must be given with component: {', '.join(_CODES)}")
+            refuse(entry, (*address, "code"), "is missing", f"must be given with component: {_CODES}")
+        if values["code"] == str(int(Code.NOMINAL)):
+            refuse(entry, (*address, "code"), "is the lowest, at or above which every code is", f"must be {_CODES}")
         if values["step"] is not None:
             _check_step(values["state"], values["step"], entry, address)
         return Pattern(
