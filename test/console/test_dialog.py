@@ -41,6 +41,13 @@ def test_land_takes_one_key_more(yes):
     assert (desk, requests) == (replace(HOLD, next_id=2, requests=(LAND,)), (LAND,))
 
 
+@pytest.mark.parametrize("key", ["g", "c", "r"])
+def test_what_moves_the_vehicle_takes_y_and_enter_is_no(key):
+    asked = press(at_rest("hold", user_commands=EVERYTHING), key, NOW_S)[0]
+    assert press(asked, "enter", NOW_S)[1] == ()
+    assert [request.id for request in press(asked, "y", NOW_S)[1]] == [1]
+
+
 def test_holding_the_land_key_down_does_not_land():
     _, requests = press_all(HOLD, *["l"] * 51)
     assert requests == ()
@@ -289,10 +296,84 @@ def test_typing_before_the_list_has_come():
     assert (desk.error, requests) == ("The list of missions has not come yet; try again in a moment.", ())
 
 
-def test_what_is_typed_is_dropped_when_another_console_selects():
-    desk, _ = press_all(INPUT, "1")
-    desk = received(desk, SCENES["preflight"].snapshot, NOW_S)
-    assert (desk.entry, desk.question) == ("", None)
+# --- a mission id that somebody else's selection cuts ---
+
+CUT = {
+    "ready": Snapshot("READY", user_commands=("go", "land", "abort", "give_up")),
+    "outreach": Snapshot("OUTREACH", user_commands=("retry", "land", "abort", "give_up")),
+    "flying": Snapshot("MISSION", in_flight=True, user_commands=EVERYTHING),
+}
+cut = pytest.mark.parametrize("snapshot", CUT.values(), ids=CUT)
+
+
+def type_cut(word, at, snapshot, pause_s=0.1):
+    """Type a word and Enter; a state comes before its letter `at`. Return the desk, the commands and the time."""
+    desk, now_s, requests = replace(INPUT, snapshot=Snapshot("MISSION_INPUT")), NOW_S, ()
+    for number, key in enumerate([*word, "enter"]):
+        desk = received(desk, INPUT.snapshot if number < at else snapshot, now_s)
+        desk, sent = press(desk, key, now_s)
+        requests += sent
+        now_s += pause_s
+    return desk, [request.words for request in requests], now_s
+
+
+@cut
+@pytest.mark.parametrize(
+    "word", ["mapping", "crossing", "hover", "tower", "corridor", "hall", "spiral", "square", "along a road", "unicorn"]
+)
+def test_the_rest_of_a_mission_id_is_no_command_when_somebody_else_selects(word, snapshot):
+    for pause_s in (0.1, 1.9):
+        assert [type_cut(word, at, snapshot, pause_s)[1] for at in range(1, len(word) + 1)] == [[]] * len(word)
+
+
+def test_what_is_typed_is_dropped_when_another_console_selects_and_that_is_said():
+    desk = received(press_all(INPUT, "1", "2")[0], SCENES["preflight"].snapshot, NOW_S)
+    said = 'Dropped: "12", and what follows up to Enter. No mission is taken any more.'
+    assert (desk.entry, desk.question, desk.error) == ("", None, said)
+
+
+@cut
+@pytest.mark.parametrize("ends", ["enter", "escape"])
+def test_after_the_end_of_that_line_each_key_is_a_command_again(ends, snapshot):
+    desk = received(press_all(INPUT, "1", "2")[0], snapshot, NOW_S)
+    desk, sent = press_all(desk, "u", "g", ends, "u", "y")
+    assert [request.words for request in sent] == ["give up"]
+
+
+def test_after_two_seconds_without_a_key_each_key_is_a_command_again():
+    desk = received(press_all(INPUT, "1", "2")[0], CUT["ready"], NOW_S)
+    desk, sent = press(desk, "g", NOW_S + 1.9)
+    assert (desk.question, sent) == (None, ())
+    heard = received(desk, CUT["ready"], NOW_S + 4.0)
+    assert press(heard, "g", NOW_S + 4.0)[0].question.request.command is UserCommand.GO
+
+
+def test_who_had_typed_nothing_loses_no_key():
+    desk = received(INPUT, CUT["flying"], NOW_S)
+    assert [request.words for request in press(desk, "h", NOW_S)[1]] == ["hold"]
+
+
+@cut
+def test_land_is_asked_within_that_line_and_y_lands(snapshot):
+    desk = received(press_all(INPUT, "s", "p")[0], snapshot, NOW_S)
+    desk, sent = press_all(desk, "i", "l")
+    assert (desk.question.request.command, sent) == (UserCommand.LAND, ())
+    assert [request.words for request in press(desk, "y", NOW_S)[1]] == ["land"]
+
+
+@cut
+def test_the_enter_of_that_line_does_not_land_but_the_next_one_does(snapshot):
+    desk = received(press_all(INPUT, "s", "p")[0], snapshot, NOW_S)
+    desk, sent = press_all(desk, "l", "enter")
+    assert (desk.question.request.command, sent) == (UserCommand.LAND, ())
+    assert [request.words for request in press(desk, "enter", NOW_S)[1]] == ["land"]
+
+
+@pytest.mark.parametrize("no", ["escape", "l", "x"])
+def test_any_other_key_is_no_to_that_question(no):
+    desk = received(press_all(INPUT, "s", "p")[0], CUT["flying"], NOW_S)
+    desk, sent = press_all(desk, "l", no, "enter", "enter")
+    assert (desk.question, sent) == (None, ())
 
 
 def test_a_confirmation_is_dropped_when_another_console_selects():

@@ -8,21 +8,23 @@ from amaze_autonomy.console.keys import BINDINGS, QUIT_KEY, binding_of_key, bind
 from amaze_autonomy.console.model import Snapshot
 from amaze_autonomy.engine.events import SAFE, UserCommand
 
-# key, command, asks once more, stops the vehicle or brings it down
+# key, command, what is yes to its question, stops the vehicle or brings it down
 TABLE = [
-    ("g", "go", True, False),
-    ("h", "hold", False, True),
-    ("c", "resume", True, False),
-    ("l", "land", True, True),
-    ("a", "abort", True, True),
-    ("r", "retry", True, False),
-    ("u", "give_up", True, False),
-    ("k", "acknowledge", False, False),
+    ("g", "go", "y", False),
+    ("h", "hold", "", True),
+    ("c", "resume", "y", False),
+    ("l", "land", "y enter", True),
+    ("a", "abort", "y enter", True),
+    ("r", "retry", "y", False),
+    ("u", "give_up", "y enter", False),
+    ("k", "acknowledge", "", False),
 ]
 
 
 def test_the_table_is_what_the_documentation_says():
-    assert [(each.key, each.command.value, bool(each.question), each.command in SAFE) for each in BINDINGS] == TABLE
+    yes = [" ".join(["y", *["enter"] * each.enter_is_yes]) if each.question else "" for each in BINDINGS]
+    rows = [(each.key, each.command.value, said, each.command in SAFE) for each, said in zip(BINDINGS, yes)]
+    assert rows == TABLE
     assert [each.value for each in SAFE] == ["hold", "land", "abort"]
 
 
@@ -31,8 +33,8 @@ def test_every_command_of_the_engine_has_one_key_and_none_closes_the_console():
     assert len({each.key for each in BINDINGS} | {QUIT_KEY}) == len(BINDINGS) + 1
 
 
-@pytest.mark.parametrize("key, command, _asks, _safe", TABLE)
-def test_a_key_works_in_both_cases(key, command, _asks, _safe):
+@pytest.mark.parametrize("key, command, _yes, _safe", TABLE)
+def test_a_key_works_in_both_cases(key, command, _yes, _safe):
     assert binding_of_key(key).command.value == binding_of_key(key.upper()).command.value == command
 
 

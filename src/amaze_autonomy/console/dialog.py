@@ -22,6 +22,7 @@ _QUESTION_OPEN_S = 10.0
 _REQUEST_FORGOTTEN_S = 60.0
 _LIST_AGAIN_S = 5.0
 _ENTRY_LIMIT = 60
+_TYPING_PAUSE_S = 2.0  # who types a line has pressed its next key by then
 _SCROLLS = {"up": -1, "down": 1, "page up": -8, "page down": 8}
 
 Turn = Tuple[Desk, Tuple[Request, ...]]
@@ -39,8 +40,16 @@ def received(desk: Desk, snapshot: Snapshot, now_s: float, age_s: float = 0.0) -
     if before is not None and before.state != snapshot.state:
         desk = replace(desk, scroll=0)
     if before is not None and before.takes_mission and not snapshot.takes_mission:
-        desk = replace(desk, entry="", error="")
+        desk = _cut(desk, now_s)
     return _drop_question_if_void(desk)
+
+
+def _cut(desk: Desk, now_s: float) -> Desk:
+    """Drop what is being typed; its other letters are on their way, and each would be a command."""
+    if not desk.entry:
+        return replace(desk, error="")
+    error = f'Dropped: "{desk.entry}", and what follows up to Enter. No mission is taken any more.'
+    return replace(desk, entry="", cut_s=now_s, error=error)
 
 
 def noted(desk: Desk, run: str, notes: Tuple[Note, ...]) -> Desk:
@@ -157,6 +166,10 @@ def press(desk: Desk, key: str, now_s: float) -> Turn:
         return replace(desk, scroll=min(lines, max(0, desk.scroll + _SCROLLS[key]))), ()
     if key == "quit":
         return desk, (Request(kind=RequestKind.QUIT),)
+    if desk.cut_s is not None and now_s - desk.cut_s <= _TYPING_PAUSE_S:
+        desk = replace(desk, cut_s=None if key in ("enter", "escape") else now_s)
+        if not _counts_in_a_cut_line(desk, key):
+            return desk, ()
     binding = binding_of_key(key)
     if desk.question is not None and not _lands_instead(desk.question, binding):
         yes = key.lower() == "y" or (key == "enter" and desk.question.enter_is_yes)
@@ -168,10 +181,18 @@ def press(desk: Desk, key: str, now_s: float) -> Turn:
     return (desk, ()) if binding is None else _command(desk, binding, now_s)
 
 
+def _counts_in_a_cut_line(desk: Desk, key: str) -> bool:
+    """Return whether a key counts before the end of a line that was dropped: L asks, all but that Enter answers."""
+    return key != "enter" and (desk.question is not None or _is_land(binding_of_key(key)))
+
+
 def _lands_instead(question: Question, binding: Optional[Binding]) -> bool:
     """Return whether a key asks for LAND, and not as the answer to that very question: it is held down then."""
-    wanted = binding is not None and binding.command is UserCommand.LAND
-    return wanted and question.request.command is not UserCommand.LAND
+    return _is_land(binding) and question.request.command is not UserCommand.LAND
+
+
+def _is_land(binding: Optional[Binding]) -> bool:
+    return binding is not None and binding.command is UserCommand.LAND
 
 
 def typed(desk: Desk, line: str, now_s: float) -> Turn:
@@ -233,7 +254,7 @@ def _command(desk: Desk, binding: Binding, now_s: float, *, sure: bool = False) 
     if not goes_out(binding.command, desk.snapshot, heard=desk.heard(now_s)):
         return _kept_back(desk, binding, request.words, now_s)
     if binding.question and not sure:
-        return _ask(desk, binding.question, request, now_s), ()
+        return _ask(desk, binding.question, request, now_s, enter_is_yes=binding.enter_is_yes), ()
     return _send(desk, request, now_s)
 
 

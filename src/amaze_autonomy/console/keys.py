@@ -3,8 +3,8 @@
 Two exceptions, for the vehicle may fly by now. LAND goes out in every state: the engine has an answer in each. While
 the engine is not heard, what stops the vehicle or brings it down goes out, and nothing else: nobody sees what it does.
 
-Whatever moves the vehicle or ends something for good asks once more, and one key more is always enough: "y" or Enter.
-Holding a key down never says yes: the second key is another one.
+Whatever moves the vehicle or ends something for good asks once more, and one key more is always enough: "y", or Enter
+where nothing begins to move by it. Holding a key down never says yes: the second key is another one.
 """
 
 from __future__ import annotations
@@ -28,22 +28,34 @@ class Binding:
         command: what it asks for.
         words: what that does, for the screen.
         question: asked before it is sent; empty: sent at once.
+        enter_is_yes: Enter is yes to it, as "y" is.
     """
 
     key: str
     command: UserCommand
     words: str
     question: str = ""
+    enter_is_yes: bool = True
 
 
 BINDINGS: Tuple[Binding, ...] = (
-    Binding("g", UserCommand.GO, "go", "Go: the vehicle takes off. Sure?"),
+    Binding("g", UserCommand.GO, "go", "Go: the vehicle takes off. Sure?", enter_is_yes=False),
     Binding("h", UserCommand.HOLD, "hold"),
-    Binding("c", UserCommand.RESUME, "continue (resume)", "Resume the mission: the vehicle flies on. Sure?"),
+    Binding(
+        "c",
+        UserCommand.RESUME,
+        "continue (resume)",
+        "Resume the mission: the vehicle flies on. Sure?",
+        enter_is_yes=False,
+    ),
     Binding("l", UserCommand.LAND, "LAND", "LAND at the present position?"),
     Binding("a", UserCommand.ABORT, "ABORT", "ABORT: in the air land, on the ground disarm?"),
     Binding(
-        "r", UserCommand.RETRY, "retry", "Retry? Before a flight it takes off as soon as all checks pass: keep clear."
+        "r",
+        UserCommand.RETRY,
+        "retry",
+        "Retry? Before a flight it takes off as soon as all checks pass: keep clear.",
+        enter_is_yes=False,
     ),
     Binding("u", UserCommand.GIVE_UP, "give up", "Give up?"),
     Binding("k", UserCommand.ACKNOWLEDGE, "acknowledge"),

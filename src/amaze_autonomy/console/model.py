@@ -278,6 +278,7 @@ class Desk:
         listed_s: when they were asked for.
         wanted: missions given by parameter, until they are selected.
         entry: what is being typed.
+        cut_s: when the last key came of a line that was dropped while it was typed; None: its end has come.
         error: what was wrong with the last input.
         error_since: that error, and when it was first seen.
         question: that waits for a yes.
@@ -302,6 +303,7 @@ class Desk:
     listed_s: Optional[float] = None
     wanted: Tuple[str, ...] = ()
     entry: str = ""
+    cut_s: Optional[float] = None
     error: str = ""
     error_since: Tuple[str, float] = ("", 0.0)
     question: Optional[Question] = None
