@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import abc
 import queue
-from collections import deque
 from dataclasses import dataclass
-from typing import Deque, List, Optional, Tuple, Union
+from math import inf
+from typing import List, Optional, Tuple, Union
 
-from .model import Collecting, MissionRow, Note, Request, Snapshot, Verdict
+from .model import STALE_AFTER_S, Collecting, MissionRow, Note, Request, Snapshot, Verdict
 from .terminal import Wake
 
-_LATELY = 20  # messages: a clock that was set is believed after so many
+_DRIFT = 0.0005  # by which two clocks may go apart
+_ENOUGH = 20  # messages after a gap: a clock that was set back in it is believed after so many
 
 
 @dataclass(frozen=True)
@@ -90,13 +91,16 @@ class Arrivals:
     """How old the messages of one topic are when they come, by their stamps.
 
     A message that comes once more (a latched one, after a connection broke) is as old as it is; one that was longer
-    under way than the others lately is that much older than they were. The clock of the stamps may be apart from ours,
-    and may be set: only what the stamps of several messages differ by is used. So the first one counts as new.
+    under way than the fastest is that much older. The clock of the stamps may be apart from ours, and may be set: only
+    what the stamps of several messages differ by is used. So the first one counts as new. A link on which all is late
+    from now on makes nothing new: the fastest is forgotten only where a stamp goes back, or where enough messages have
+    come since a gap between two, in which that clock may have been set back.
     """
 
     def __init__(self) -> None:
-        self._took_s: Deque[float] = deque(maxlen=_LATELY)
-        self._stamp_s = self._sent_s = 0.0
+        self._stamp_s = self._sent_s = self._came_s = 0.0
+        self._way_s = inf
+        self._since_gap_s: Optional[List[float]] = None
 
     def age_s(self, stamp_s: float, now_s: float) -> float:
         """Return how old a message is that comes now.
@@ -108,11 +112,23 @@ class Arrivals:
         if stamp_s <= 0.0:
             return 0.0
         if stamp_s != self._stamp_s:
-            if stamp_s < self._stamp_s:
-                self._took_s.clear()  # that clock was set
-            self._took_s.append(now_s - stamp_s)
-            self._stamp_s, self._sent_s = stamp_s, stamp_s + min(self._took_s)
+            self._measure_the_way(stamp_s, now_s)
+            self._stamp_s, self._came_s, self._sent_s = stamp_s, now_s, stamp_s + self._way_s
         return max(0.0, now_s - self._sent_s)
+
+    def _measure_the_way(self, stamp_s: float, now_s: float) -> None:
+        """Learn how long the fastest message is under way, by both clocks."""
+        way_s = now_s - stamp_s
+        if stamp_s < self._stamp_s:
+            self._way_s = inf
+        self._way_s = min(way_s, self._way_s + (now_s - self._came_s) * _DRIFT)
+        if stamp_s - self._stamp_s > STALE_AFTER_S:
+            self._since_gap_s = []
+        if self._since_gap_s is None:
+            return
+        self._since_gap_s.append(way_s)
+        if len(self._since_gap_s) == _ENOUGH:
+            self._way_s, self._since_gap_s = min(self._since_gap_s), None
 
 
 class Mailbox:
