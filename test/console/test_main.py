@@ -287,6 +287,30 @@ def test_quit_as_a_line_ends_it_even_without_an_engine(tmp_path):
     assert out.splitlines()[-1].endswith("END       Console closed.")
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_once_is_not_done_when_it_is_ended_in_flight(tmp_path, number):
+    process, _ = plain(tmp_path, "mission", "--once")
+    lines_until(process, "STATE")
+    assert finish(process, number)[0] == 3
+
+
+def test_once_is_not_done_when_its_reader_goes_or_its_disk_is_full_in_flight(tmp_path):
+    process, _ = plain(tmp_path, "mission", "--once")
+    lines_until(process, "STATE")
+    process.stdout.close()
+    assert process.wait(20) == 3
+    command = [sys.executable, str(HERE / "fake_engine.py"), str(tmp_path / "asked"), "mission", "--once"]
+    with Path("/dev/full").open("w") as full:
+        assert subprocess.run(command, check=False, stdin=subprocess.DEVNULL, stdout=full, timeout=20).returncode == 3
+
+
+def test_once_with_a_wrong_mission_and_nobody_who_types_ends(tmp_path):
+    process, log = plain(tmp_path, "mission-input", "--once", "--mission", "99")
+    out, _ = process.communicate(timeout=20)
+    assert (process.returncode, log.read_text()) == (2, "")
+    assert 'END       There is no mission "99". There are: 1, 2, wall.' in out
+
+
 def test_closed_input_and_a_reader_that_has_gone(tmp_path):
     process, _ = plain(tmp_path, "hold", preexec_fn=lambda: os.close(0))
     lines_until(process, "STATE")

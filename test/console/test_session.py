@@ -15,13 +15,15 @@ from amaze_autonomy.console.link import (
     LinkClosed,
     LinkSays,
     Mailbox,
+    MessagesCame,
     MissionsCame,
     MissionWanted,
     StateCame,
 )
-from amaze_autonomy.console.model import Collecting, Desk, Verdict
+from amaze_autonomy.console.model import Collecting, Desk, Note, Verdict
 from amaze_autonomy.console.session import Session
 from amaze_autonomy.console.terminal import Wake
+from amaze_autonomy.engine.commands import MESSAGES
 
 
 class ListLink(Link):
@@ -181,6 +183,151 @@ def test_once_goes_on_while_another_mission_is_queued():
     console.shows("mission-ended", queue=("2",))
     assert console.session.status is None
     console.shows("mission-ended", queue=())
+    assert console.session.status == 0
+
+
+ONE_BEFORE = "Mission ended: COMPLETE. One before it was not, or its data is INCOMPLETE."
+
+
+@pytest.mark.parametrize("lacks", [{"data_result": "INCOMPLETE"}, {"result": "LANDED_EARLY"}])
+def test_once_remembers_a_bad_end_of_a_mission_while_another_is_queued(lacks):
+    console = Console(once=True)
+    console.shows("mission")
+    console.shows("mission-ended", queue=("2",), **lacks)
+    console.shows("mission")
+    assert console.session.status is None
+    console.shows("mission-ended")
+    assert (console.session.status, console.session.last_words) == (3, ONE_BEFORE)
+
+
+def ended(number, message="mission_ended_incomplete"):
+    text = MESSAGES[message].text.format(result="COMPLETE", location="/data/1.bag")
+    return Note("10:00:00", 2, text, "", number)
+
+
+def test_once_remembers_lost_data_of_a_mission_whose_end_no_state_has_shown():
+    """The engine begins the next mission at the same moment; its message alone tells."""
+    console = Console(once=True)
+    console.happens(MessagesCame("r-1", ()))
+    console.shows("data-cleanup", queue=("2",))
+    console.shows("preflight")
+    console.happens(MessagesCame("r-1", (ended(1),)))
+    console.shows("mission")
+    console.happens(MessagesCame("r-1", (ended(1), ended(2, "mission_ended"))))
+    console.shows("mission-ended")
+    assert (console.session.status, console.session.last_words) == (3, ONE_BEFORE)
+
+
+def test_once_counts_no_lost_data_of_a_mission_before_its_own():
+    console = Console(once=True)
+    console.happens(MessagesCame("r-1", (ended(1),)))
+    console.shows("mission-ended", data_result="INCOMPLETE")
+    console.happens(MessagesCame("r-1", (ended(1), ended(2))))
+    console.shows("mission")
+    console.happens(MessagesCame("r-1", (ended(1), ended(2), ended(3, "mission_ended"))))
+    console.shows("mission-ended")
+    assert (console.session.status, console.session.last_words) == (0, "Mission ended: COMPLETE.")
+
+
+@pytest.mark.parametrize("once, status", [(True, 3), (False, 0)])
+def test_whatever_else_ends_it_before_the_mission_is_no_good_end_with_once(once, status):
+    def ends(how):
+        console = Console(once=once)
+        console.shows("mission")
+        how(console)
+        return console.session.status
+
+    assert ends(lambda console: console.session.end(0, "Terminated.")) == status
+    assert ends(lambda console: console.session.press("quit")) == status
+    assert ends(lambda console: console.happens(LinkClosed("ROS shut this console down."))) == status
+    assert ends(lambda console: console.session.end(130, "Interrupted.")) == 130
+    assert ends(lambda console: console.happens(LinkClosed("No ROS.", failed=True))) == 2
+
+
+# --- once, where nobody can name another mission ---
+
+
+def unattended(wanted=("1",), **options):
+    console = Console(once=True, **options)
+    console.session.desk = replace(console.session.desk, wanted=wanted, interactive=False)
+    return console
+
+
+def lists(console):
+    console.shows("mission-input")
+    console.happens(MissionsCame(console.link.sent[0].id, MISSIONS))
+
+
+@pytest.mark.parametrize(
+    "wanted, words",
+    [
+        ("99", 'There is no mission "99". There are: 1, 2, wall.'),
+        ("wall", "Mission wall cannot be flown: wall.csv line 7: z is -1.5 m, must be at least 0.5 m"),
+    ],
+)
+def test_a_mission_that_cannot_be_selected_ends_it_where_nobody_can_name_another(wanted, words):
+    console = unattended((wanted,))
+    lists(console)
+    assert (console.session.status, console.session.last_words) == (2, words)
+
+
+def test_a_mission_that_the_engine_refuses_ends_it_where_nobody_can_name_another():
+    console = unattended()
+    lists(console)
+    console.happens(AnswerCame(console.link.sent[1].id, Verdict.REFUSED, "Battery."))
+    assert (console.session.status, console.session.last_words) == (2, "mission 1: REFUSED Battery.")
+
+
+def test_a_mission_is_not_taken_for_that_of_somebody_else():
+    console = unattended()
+    console.shows("hold")
+    assert console.session.status == 2
+    assert console.session.last_words == "Mission 1 was not selected: the engine is in HOLD."
+
+
+@pytest.mark.parametrize("verdict", [Verdict.DONE, Verdict.NO_ANSWER])
+def test_a_mission_that_may_have_been_selected_is_waited_for(verdict):
+    console = unattended()
+    lists(console)
+    console.happens(AnswerCame(console.link.sent[1].id, verdict))
+    for scene in ("mission-input", "preflight", "mission"):
+        console.shows(scene)
+        assert console.session.status is None
+    console.shows("mission-ended")
+    assert console.session.status == 0
+
+
+def test_what_was_typed_wrong_ends_it_once_nobody_types_any_more():
+    console = Console(once=True)
+    lists(console)
+    console.session.typed("99")
+    console.session.turn()
+    assert console.session.status is None
+    console.session.desk = replace(console.session.desk, interactive=False)
+    console.session.turn()
+    assert (console.session.status, console.session.last_words) == (
+        2,
+        'There is no mission "99". There are: 1, 2, wall.',
+    )
+
+
+def test_a_command_that_is_under_way_is_answered_before_it_ends():
+    console = Console(once=True)
+    lists(console)
+    for line in ("99", "land"):
+        console.session.typed(line)
+    console.session.desk = replace(console.session.desk, interactive=False, error="Not sent: 99.")
+    console.session.turn()
+    assert console.session.status is None
+    console.happens(AnswerCame(console.link.sent[1].id, Verdict.DONE))
+    assert console.session.status == 2
+
+
+def test_with_nothing_wanted_it_waits_for_the_mission_of_somebody_else():
+    console = unattended(())
+    lists(console)
+    console.shows("mission")
+    console.shows("mission-ended")
     assert console.session.status == 0
 
 

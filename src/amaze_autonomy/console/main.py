@@ -37,9 +37,10 @@ examples:
   printf '1\\ny\\n' | rosrun amaze_autonomy console --plain --once
 
 exit status:
-  0    closed by the user or with --pid, or --once and the mission is complete
-  2    wrong usage, or ROS is not there
-  3    --once: the mission has ended otherwise, or was given up
+  0    closed by the user, a signal or with --pid; --once: the mission is complete, all of several
+  2    wrong usage, or ROS is not there; --once: the mission is not selected, and nobody can name another
+  3    --once: all else, e.g. the mission or one before it has ended otherwise or lacks data, or this
+       console was ended before
   4    --wait: no engine in time
   130  Ctrl-C
 """

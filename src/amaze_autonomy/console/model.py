@@ -326,6 +326,11 @@ class Desk:
         judged_s = tuple(known.get(each, new_s) for each in snapshot.checks)
         return replace(self, snapshot=snapshot, received_s=new_s, judged_s=judged_s, link="")
 
+    def notes_since(self, before: Desk) -> Tuple[Note, ...]:
+        """Return the messages that an earlier desk does not have; all of them when the engine was started anew."""
+        seen = before.notes[-1].number if before.notes and before.run == self.run else 0
+        return tuple(note for note in self.notes if note.number > seen)
+
     def checks(self, now_s: float) -> Tuple[Check, ...]:
         """Return the pre-flight table; the ages, which are told of the moment of the judgement, are of now."""
         rows = () if self.snapshot is None else self.snapshot.checks

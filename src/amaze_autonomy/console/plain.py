@@ -51,11 +51,10 @@ def _messages(before: Desk, after: Desk) -> Iterator[str]:
     """Yield each new message; of those before this console was there, the last one."""
     if after.notes == before.notes:
         return
-    seen = before.notes[-1].number if before.notes and before.run == after.run else 0
-    new = [note for note in after.notes if note.number > seen]
+    new = after.notes_since(before)
     if not before.run:
         shown = "" if before.snapshot is None else before.snapshot.message
-        new = [note for note in new[-1:] if note.text != shown]
+        new = tuple(note for note in new[-1:] if note.text != shown)
     for note in new:
         yield f"{level(note.level):<9} {note.text}"
 

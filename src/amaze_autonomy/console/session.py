@@ -7,6 +7,8 @@ import time
 from dataclasses import replace
 from typing import Callable, Optional
 
+from ..engine.commands import MESSAGES
+from ..engine.state import Result
 from . import dialog
 from .link import (
     AnswerCame,
@@ -21,9 +23,11 @@ from .link import (
     MissionWanted,
     StateCame,
 )
-from .model import Desk, RequestKind, Snapshot
+from .model import Desk, RequestKind, Snapshot, Verdict
 
 CLOSED, NO_ROS, NOT_COMPLETE, NO_ENGINE, INTERRUPTED = 0, 2, 3, 4, 130
+COMPLETE, NOT_SELECTED = 0, 2
+_LOST_DATA = MESSAGES["mission_ended_incomplete"].text.format(result=Result.COMPLETE.value, location="").strip()
 
 
 def _wall_clock() -> str:
@@ -47,7 +51,7 @@ class Session:
         desk: at the start.
         link: to the engine.
         mailbox: that the link fills.
-        once: end when a mission has ended, and none is queued behind it.
+        once: end when a mission has ended, and none is queued behind it; no other end is a good one then.
         wait_s: how long to wait for the engine's first state; None: for ever.
         pid: of the process with which it ends; None: with none.
         now: monotonic time in seconds.
@@ -73,13 +77,14 @@ class Session:
         self.clock = clock
         self._link, self._mailbox = link, mailbox
         self._once, self._wait_s, self._pid = once, wait_s, pid
-        self._begun = False
+        self._begun, self._all_complete = False, True
 
     def turn(self) -> None:
         """Take in what has happened, and what time has brought."""
         for happening in self._mailbox.empty():
             self._apply(happening)
         self._take(dialog.tick(self.desk, self.now()))
+        self._look_for_a_mistake()
         if self.desk.snapshot is None and self._wait_s is not None and self.now() - self.desk.started_s > self._wait_s:
             self.end(NO_ENGINE, f"No engine on {self.desk.engine} within {self._wait_s:g} s.")
         if self._pid is not None and not _runs(self._pid):
@@ -95,6 +100,9 @@ class Session:
 
     def end(self, status: int, words: str = "") -> None:
         """Let it be over; the first to say so is heard."""
+        self._end(NOT_COMPLETE if self._once and status == CLOSED else status, words)
+
+    def _end(self, status: int, words: str) -> None:
         if self.status is None:
             self.status, self.last_words = status, words
 
@@ -123,7 +131,9 @@ class Session:
             said = replace(happening.collecting, at_s=self.now() - happening.age_s)
             self.desk = replace(self.desk, collecting=said)
         elif isinstance(happening, MessagesCame):
-            self.desk = dialog.noted(self.desk, happening.run, happening.notes)
+            before = self.desk
+            self.desk = dialog.noted(before, happening.run, happening.notes)
+            self._look_for_lost_data(before)
         elif isinstance(happening, MissionsCame):
             self.desk = dialog.listed(self.desk, happening.request_id, happening.missions)
         elif isinstance(happening, AnswerCame):
@@ -140,10 +150,34 @@ class Session:
         if not self._once:
             return
         if not snapshot.takes_mission:
-            self._begun = True
-        elif self._begun and not snapshot.queue:
-            complete = snapshot.state == "MISSION_ENDED" and snapshot.result == "COMPLETE"
+            self._begun = self._begun or not self.desk.wanted  # else it is that of somebody else
+        elif self._begun:
+            complete = snapshot.state == "MISSION_ENDED" and snapshot.result == Result.COMPLETE.value
             complete = complete and snapshot.data_result != "INCOMPLETE"
-            data = ", data INCOMPLETE" if snapshot.data_result == "INCOMPLETE" else ""
-            ended = f"Mission ended: {snapshot.result}{data}." if snapshot.result else "The mission was given up."
-            self.end(CLOSED if complete else NOT_COMPLETE, ended)
+            if not snapshot.queue:
+                status = COMPLETE if complete and self._all_complete else NOT_COMPLETE
+                self._end(status, self._ended(snapshot, complete))
+            self._all_complete = self._all_complete and complete
+
+    def _ended(self, snapshot: Snapshot, complete: bool) -> str:  # noqa: FBT001
+        data = ", data INCOMPLETE" if snapshot.data_result == "INCOMPLETE" else ""
+        ended = f"Mission ended: {snapshot.result}{data}." if snapshot.result else "The mission was given up."
+        before = " One before it was not, or its data is INCOMPLETE." if complete and not self._all_complete else ""
+        return ended + before
+
+    def _look_for_lost_data(self, before: Desk) -> None:
+        """Remember the end of a mission that no state shows, for the next one begins at once: its message tells."""
+        if self._begun and before.run:
+            lost = any(note.text.startswith(_LOST_DATA) for note in self.desk.notes_since(before))
+            self._all_complete = self._all_complete and not lost
+
+    def _look_for_a_mistake(self) -> None:
+        """End where the mission that was named is not selected, and nobody can name another."""
+        desk, answer = self.desk, self.desk.answer
+        if not self._once or desk.interactive or desk.requests:
+            return
+        if answer is not None and answer.request.startswith("mission "):
+            if answer.verdict is Verdict.REFUSED:
+                self._end(NOT_SELECTED, f"{answer.request}: {answer.verdict.value} {answer.message}")
+        elif desk.error and not self._begun:
+            self._end(NOT_SELECTED, desk.error)
