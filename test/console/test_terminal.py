@@ -8,6 +8,7 @@ import pty
 import select
 import termios
 import threading
+import time
 
 import pytest
 
@@ -43,6 +44,46 @@ def test_a_lone_escape_is_a_key(terminal):
     with reader:
         os.write(user, b"\x1b")
         assert reader.keys(LIMIT_S) == ("escape",)
+
+
+def keys_within(reader, limit_s):
+    """Return the keys that come within so many seconds, read as the screen reads them."""
+    keys, end_s = [], time.monotonic() + limit_s
+    while time.monotonic() < end_s:
+        keys += reader.keys(0.1)
+    return keys
+
+
+@pytest.mark.parametrize("begun", [b"\x1b[200~some te", b"\x1b["])
+def test_a_paste_whose_end_is_lost_takes_no_key_a_second_later(terminal, begun):
+    user, console = terminal
+    reader = Terminal(Wake(), console, console)
+    with reader:
+        os.write(user, begun)
+        assert keys_within(reader, 1.5) == []
+        os.write(user, b"l\r")
+        assert keys_within(reader, 0.3) == ["l", "enter"]
+
+
+def test_a_paste_that_comes_slowly_is_one(terminal):
+    user, console = terminal
+    reader = Terminal(Wake(), console, console)
+    with reader:
+        for piece in (b"\x1b[200~l", b"\r", b"y\r", b"l\r", b"\x1b[201~h"):
+            os.write(user, piece)
+            keys = keys_within(reader, 0.6)
+        assert keys == ["h"]
+
+
+def test_a_paste_that_waited_for_a_console_that_stood_still_is_one(terminal):
+    user, console = terminal
+    reader = Terminal(Wake(), console, console)
+    with reader:
+        os.write(user, b"\x1b[200~l\r")
+        assert reader.keys(LIMIT_S) == ()
+        os.write(user, b"l\r\x1b[201~h")
+        time.sleep(1.5)
+        assert reader.keys(LIMIT_S) == ("h",)
 
 
 def test_nothing_is_echoed_and_ctrl_s_freezes_nothing(terminal):

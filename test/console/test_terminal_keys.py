@@ -58,6 +58,14 @@ def test_a_pause_within_pasted_text_does_not_let_it_through():
     assert (decoder.feed(b"\x1b[200~l"), decoder.flush(), decoder.feed(b"y\x1b[201~h")) == ([], [], ["h"])
 
 
+@pytest.mark.parametrize(
+    "begun", [b"\x1b[200~some te", b"\x1b[200~some te\x1b[20", b"\x1b[", b"\x1bO", "ü".encode()[:1]]
+)
+def test_what_was_begun_and_never_ended_is_forgotten(begun):
+    decoder = KeyDecoder()
+    assert (decoder.feed(begun), decoder.forget(), decoder.feed(b"l\r")) == ([], None, ["l", "enter"])
+
+
 def test_a_sequence_without_an_end_is_forgotten():
     decoder = KeyDecoder()
     assert decoder.feed(b"\x1b[" + b"0" * 100) == []

@@ -8,6 +8,7 @@ import re
 import select
 import sys
 import termios
+import time
 import unicodedata
 from types import TracebackType
 from typing import Any, List, Mapping, Optional, Tuple, Type
@@ -16,6 +17,7 @@ from .errors import TerminalError
 
 _PASTE_MARKS_ON, _PASTE_MARKS_OFF = b"\x1b[?2004h", b"\x1b[?2004l"
 _ESCAPE_PAUSE_S = 0.05
+_END_LOST_S = 1.0  # without a byte: the end of what has begun does not come any more
 
 
 class Wake:
@@ -86,6 +88,7 @@ class Terminal:
         self._source = sys.stdin.fileno() if source is None else source
         self._sink = sys.stdout.fileno() if sink is None else sink
         self._keys = KeyDecoder()
+        self._came_s = 0.0
         self._before: List[Any] = []
 
     def __enter__(self) -> None:
@@ -111,6 +114,10 @@ class Terminal:
         data = read_if_ready(self._source, self._wake, limit_s)
         if data == b"":
             return ("quit",)
+        if data is not None:
+            self._came_s = time.monotonic()
+        elif time.monotonic() - self._came_s > _END_LOST_S:
+            self._keys.forget()
         keys = self._keys.feed(data or b"")
         if data is not None and data.endswith(b"\x1b"):
             more = read_if_ready(self._source, self._wake, _ESCAPE_PAUSE_S)
@@ -167,13 +174,13 @@ class KeyDecoder:
     """Remembers what has come of a sequence that is not complete."""
 
     def __init__(self) -> None:
-        self._decode = codecs.getincrementaldecoder("utf-8")("replace")
+        self._decoder = codecs.getincrementaldecoder("utf-8")("replace")
         self._rest = ""
         self._pasting = False
 
     def feed(self, data: bytes) -> List[str]:
         """Return the keys that are complete with these bytes."""
-        self._rest += self._decode.decode(data)
+        self._rest += self._decoder.decode(data)
         keys: List[str] = []
         while self._rest:
             if self._pasting:
@@ -195,6 +202,11 @@ class KeyDecoder:
             return []
         lone, self._rest = self._rest == "\x1b", ""
         return ["escape"] if lone else []
+
+    def forget(self) -> None:
+        """Drop what has begun and not ended: to be called after a long pause, for its end was lost under way."""
+        self._decoder.reset()
+        self._rest, self._pasting = "", False
 
     def _skip_paste(self) -> bool:
         """Drop what is pasted up to its end mark; return False when the mark has not come yet."""
