@@ -601,6 +601,23 @@ def test_an_alarm_in_land_and_an_engine_that_is_silent_in_flight_flash_and_sound
         page.until(lambda: ALARM_HZ in script(TONES), "tone of the silence")
 
 
+NO_TIMERS = "for (const name of ['setInterval', 'setTimeout']) window[name] = () => 0;"
+NO_WORKERS = "delete window.Worker;"
+
+
+@pytest.mark.parametrize("lacks", [NO_TIMERS, NO_WORKERS], ids=["a tab that is not in front", "a browser that is old"])
+def test_a_silence_in_flight_is_an_alarm_also_where_the_page_has_no_timers_or_no_worker(field, lacks):
+    """Browsers let the timers of a tab that is not in front run once a minute, or not at all; a worker's go on."""
+    field.freeze()
+    with opened(field.port) as page:
+        page.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": lacks})
+        page.driver.refresh()
+        page.until(lambda: field.show(SCENES["mission"]) or page.text("state") == "MISSION", "flight")
+        page.wait("lost", "THE ENGINE is silent")
+        assert "lost" in page.driver.execute_script(FLASHING)
+        assert page.errors() == []
+
+
 @pytest.mark.night
 def test_many_messages_do_not_make_the_page_grow(field):
     def say(first):

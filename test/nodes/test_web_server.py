@@ -63,7 +63,7 @@ async def hear(socket, wanted):
 def test_the_page_loads_nothing_from_elsewhere_and_is_not_for_other_sites():
     async def story(_server, port, _sent):
         client = AsyncHTTPClient()
-        for path in ("/", "/page.js", "/page.css"):
+        for path in ("/", "/page.js", "/clock.js", "/page.css"):
             answer = await client.fetch(f"http://127.0.0.1:{port}{path}")
             assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
             assert not re.search(rb"https?://", answer.body)

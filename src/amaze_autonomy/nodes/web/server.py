@@ -37,7 +37,8 @@ _LEAST_TOKEN = 8
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
-    "connect-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "worker-src 'self'; connect-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
@@ -121,7 +122,7 @@ class PageServer:
             [
                 (r"/", _Index, given),
                 (r"/stream", Viewer, given),
-                (r"/(page\.js|page\.css)", _File, {**given, "path": str(PAGE)}),
+                (r"/(page\.js|clock\.js|page\.css)", _File, {**given, "path": str(PAGE)}),
                 *scripts,
             ],
             websocket_ping_interval=5,

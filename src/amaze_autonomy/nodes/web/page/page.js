@@ -3,7 +3,7 @@
 "use strict";
 
 const $ = (id) => document.getElementById(id);
-const OLD_S = 3, GIVE_UP_S = 15, AGAIN_S = 2, MOST_PAUSE_S = 4, MOST_MESSAGES = 400, MOST_SAMPLES = 1200, MOST_TRACK = 2400;
+const TICK_MS = 250, OLD_S = 3, GIVE_UP_S = 15, AGAIN_S = 2, MOST_PAUSE_S = 4, MOST_MESSAGES = 400, MOST_SAMPLES = 1200, MOST_TRACK = 2400;
 const RECORDER = ["START_RECORDING", "DATA_CLEANUP"]; // what it does is what is waited for
 const CHECKED = ["PREFLIGHT", "OUTREACH", "READY", "START_RECORDING", "LOAD_MISSION"];
 const LEVELS = [["", ""], ["WARNING", "warn"], ["ERROR", "bad"], ["ALARM", "bad"]];
@@ -17,9 +17,10 @@ const have = { board: "", run: "", note: 0, sample: 0 };
 const orders = new Map();
 let parts = {}, samples = [], flown = [], step = 1, socket = null, pauseS = 0.25, connected = false;
 let heardMs = 0, stateMs = 0, beat = 0, beatMs = 0, ageS = null, wayS = Infinity, lateS = 0;
-let willShow = false, toDraw = false;
+let willShow = false, toDraw = false, tickedMs = 0;
 let question = null, answer = null, token = "", mayCommand = false, sound = null, soundedMs = 0, chimed = "";
 
+const ticker = window.Worker ? new Worker("clock.js") : null; // in a tab that is not in front, too
 const nowMs = () => performance.now();
 const clock = (s) => `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
 const unheard = () => !parts.state || Boolean(lost());
@@ -481,6 +482,13 @@ function drawPlots(c, state) {
 
 // --- begin ---
 
+function tick() {
+  if (nowMs() - tickedMs < TICK_MS / 2) return; // the other one of both clocks was there
+  tickedMs = nowMs();
+  if (socket && nowMs() - Math.max(heardMs, socket.begunMs) > 2 * OLD_S * 1000) connectAgain();
+  render();
+}
+
 function unescaped(typed) { // by hand somebody may have typed a bare %
   try { return decodeURIComponent(typed); } catch (error) { return typed; }
 }
@@ -494,8 +502,9 @@ if (location.hash.length > 1) {
 dark.addEventListener("change", draw);
 document.addEventListener("visibilitychange", draw);
 heardMs = nowMs();
-setInterval(() => {
-  if (socket && nowMs() - Math.max(heardMs, socket.begunMs) > 2 * OLD_S * 1000) connectAgain();
-  render();
-}, 250);
+setInterval(tick, TICK_MS);
+if (ticker) {
+  ticker.onmessage = tick;
+  ticker.postMessage(TICK_MS);
+}
 connect();
