@@ -150,6 +150,31 @@ def test_a_terminal_that_can_do_nothing_gets_lines(tmp_path):
         assert console.after() == console.before
 
 
+def test_ctrl_s_holds_no_line_back_and_the_terminal_is_left_as_it_was(tmp_path):
+    with ConsoleProcess(tmp_path, "mission", "--plain") as console:
+        console.wait_for("COMMANDS")
+        console.type("\x13")
+        console.wait_for("waypoint 1 of 8")
+        console.type("land\n")
+        console.wait_for("ANSWER    land: DONE as asked")
+        assert console.asked() == ["land"]
+        console.type("\x03")
+        assert console.end() == 130
+        assert console.after() == console.before
+
+
+def test_ctrl_s_holds_no_line_back_after_the_shell_has_had_the_terminal(tmp_path):
+    with ConsoleProcess(tmp_path, "mission", "--plain") as console:
+        console.wait_for("COMMANDS")
+        console.signal(signal.SIGSTOP)
+        termios.tcsetattr(console.inside, termios.TCSANOW, console.before)  # as it does for itself and for `fg`
+        console.signal(signal.SIGCONT)
+        console.wait_for("waypoint 2 of 8")
+        assert not console.after()[0] & termios.IXON
+        console.type("\x13land\n")
+        console.wait_for("ANSWER    land: DONE as asked")
+
+
 def test_a_picture_is_saved_for_each_state(tmp_path):
     with ConsoleProcess(tmp_path, "hold", "--pictures", str(tmp_path / "pictures")) as console:
         console.wait_for("close console only")
@@ -328,13 +353,15 @@ def test_no_engine_in_time_has_its_status(tmp_path):
 def test_a_terminal_that_belongs_to_others_gets_lines_and_is_read(tmp_path):
     """As under roslaunch: the terminal is there, but it is not the console's own."""
     outside, inside = os.openpty()
+    before = termios.tcgetattr(inside)
     process, log = plain(tmp_path, "hold", stdin=inside, start_new_session=True)
     lines_until(process, "COMMANDS")
+    assert [each[0] & termios.IXON > 0 for each in (before, termios.tcgetattr(inside))] == [True, False]
     os.write(outside, b"land\n")
     lines_until(process, "ANSWER    land: DONE as asked")
     assert finish(process)[0] == 130
     assert log.read_text() == "land\n"
-    assert termios.tcgetattr(inside)[3] & termios.ECHO
+    assert termios.tcgetattr(inside) == before
     os.close(outside)
     os.close(inside)
 

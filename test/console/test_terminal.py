@@ -13,7 +13,7 @@ import time
 import pytest
 
 from amaze_autonomy.console.errors import TerminalError
-from amaze_autonomy.console.terminal import Terminal, Wake, owns_terminal, read_if_ready
+from amaze_autonomy.console.terminal import Terminal, Wake, never_frozen, owns_terminal, read_if_ready
 
 LIMIT_S = 10.0
 
@@ -149,6 +149,26 @@ def test_what_is_no_terminal_is_refused(tmp_path):
 
 def test_a_terminal_that_belongs_to_others_is_not_owned(terminal):
     assert not owns_terminal(terminal[1])
+
+
+@pytest.mark.parametrize("what", ["nothing", "a pipe"])
+def test_what_is_no_terminal_is_never_frozen_and_stays_as_it_is(what):
+    source, sink = os.pipe()
+    with never_frozen(None if what == "nothing" else source):
+        os.write(sink, b"land\n")
+    assert os.read(source, 4096) == b"land\n"
+    os.close(source)
+    os.close(sink)
+
+
+def test_a_terminal_that_goes_away_is_not_put_back(terminal):
+    user, console = terminal
+    with never_frozen(console):
+        assert not termios.tcgetattr(console)[0] & termios.IXON
+        os.close(console)
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(console)
+    assert os.write(user, b"") == 0
 
 
 def test_a_pipe_says_that_it_has_ended():

@@ -14,7 +14,7 @@ from amaze_autonomy.console.link import Happening, Link, Mailbox
 from amaze_autonomy.console.model import DEFAULT_ENGINE, Desk
 from amaze_autonomy.console.plain import run_plain
 from amaze_autonomy.console.session import CLOSED, INTERRUPTED, Session
-from amaze_autonomy.console.terminal import Terminal, Wake, owns_terminal
+from amaze_autonomy.console.terminal import Terminal, Wake, is_in_background, never_frozen, owns_terminal
 
 from ..paths import expanded
 from .wire import clean
@@ -117,7 +117,9 @@ def _run(options: argparse.Namespace, make_link: MakeLink) -> int:
         if full:
             _run_screen(session, wake, options)
         else:
-            run_plain(session, wake, _input())
+            source = _input()
+            with never_frozen(source):
+                run_plain(session, wake, source)
     finally:
         link.close()
     return CLOSED if session.status is None else session.status
@@ -150,25 +152,14 @@ def _has_rich() -> bool:
 
 
 def _input() -> Optional[int]:
-    """Return standard input, unless reading from it would stop this process (a shell's background) or it is closed.
-
-    A terminal that is not this process's own (under roslaunch) may be read: nobody stops a process for that.
-    """
+    """Return standard input, unless reading from it would stop this process (a shell's background) or it is closed."""
     try:
-        if os.isatty(0) and not owns_terminal(0) and _is_controlling(0):
+        if is_in_background(0):
             return None
         os.fstat(0)
     except OSError:
         return None
     return 0
-
-
-def _is_controlling(descriptor: int) -> bool:
-    try:
-        os.tcgetpgrp(descriptor)
-    except OSError:
-        return False
-    return True
 
 
 def _end_on_signals(session: Session, wake: Wake) -> None:

@@ -185,6 +185,7 @@ def mission_lines(missions: Tuple[MissionRow, ...]) -> Iterator[str]:
 
 _LOOK_S = 0.25
 _LONGEST_LINE = 4096
+_FLOW_KEYS = b"\x11\x13"  # Ctrl-Q, Ctrl-S: they freeze nothing, and are no letters
 _QUIT_WORDS = ("q", "quit", "exit")
 
 
@@ -195,7 +196,7 @@ class _Lines:
         self._rest = b""
 
     def feed(self, data: bytes) -> List[str]:
-        *lines, self._rest = (self._rest + data).split(b"\n")
+        *lines, self._rest = (self._rest + data.translate(None, _FLOW_KEYS)).split(b"\n")
         if len(self._rest) > _LONGEST_LINE:
             self._rest = b""
         return [line[:_LONGEST_LINE].decode("utf-8", "replace") for line in lines]

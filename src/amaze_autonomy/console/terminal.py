@@ -6,12 +6,14 @@ import codecs
 import os
 import re
 import select
+import signal
 import sys
 import termios
 import time
 import unicodedata
+from contextlib import contextmanager, suppress
 from types import TracebackType
-from typing import Any, List, Mapping, Optional, Tuple, Type
+from typing import Any, Iterator, List, Mapping, Optional, Tuple, Type
 
 from .errors import TerminalError
 
@@ -57,6 +59,43 @@ def owns_terminal(descriptor: int) -> bool:
         return os.isatty(descriptor) and os.tcgetpgrp(descriptor) == os.getpgrp()
     except OSError:
         return False
+
+
+def is_in_background(descriptor: int) -> bool:
+    """Return True when to read or set a terminal would stop this process: another job of its shell has it.
+
+    Nobody stops a process for a terminal that is not its controlling one (under roslaunch).
+    """
+    try:
+        return os.isatty(descriptor) and os.tcgetpgrp(descriptor) != os.getpgrp()
+    except OSError:
+        return False
+
+
+@contextmanager
+def never_frozen(source: Optional[int]) -> Iterator[None]:
+    """Let Ctrl-S freeze no terminal for as long as the `with` lasts: who cannot print there reads no line either.
+
+    While this process is stopped (Ctrl-Z) its shell sets what it likes; what is set here is set anew with `fg`.
+    """
+    if source is None or not os.isatty(source):
+        yield
+        return
+    before = termios.tcgetattr(source)
+    flowing = [before[0] & ~termios.IXON, *before[1:]]
+    handler = signal.signal(signal.SIGCONT, lambda *_: _set(source, flowing))
+    _set(source, flowing)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGCONT, handler)
+        _set(source, before)
+
+
+def _set(source: int, attributes: List[Any]) -> None:
+    if not is_in_background(source):
+        with suppress(termios.error):  # it is gone
+            termios.tcsetattr(source, termios.TCSANOW, attributes)
 
 
 def read_if_ready(descriptor: Optional[int], wake: Wake, limit_s: float) -> Optional[bytes]:
