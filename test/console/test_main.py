@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import signal
+import struct
 import subprocess
 import sys
 import termios
+import time
 from pathlib import Path
 
 import pytest
@@ -119,6 +122,23 @@ def test_ctrl_z_and_ctrl_s_do_not_stop_it(tmp_path):
         console.type("\x1a\x13\x1ch")
         console.wait_for("as asked")
         assert console.asked() == ["hold"]
+
+
+def test_a_size_that_the_environment_tells_is_not_that_of_the_terminal(tmp_path):
+    with ConsoleProcess(tmp_path, "alarm", "--ascii", LINES="60", COLUMNS="150") as console:
+        console.wait_for("close console only")
+        frame = re.sub(r"\x1b\[[0-?]*[ -/]*[@-~]", "", console.seen.split("\x1b[H")[-1]).splitlines()
+        assert (len(frame), {len(line) for line in frame}) == (30, {100})
+        assert any("TAKE OVER" in line for line in frame[:8])
+
+
+def test_in_a_window_of_a_few_lines_the_question_of_a_landing_is_seen(tmp_path):
+    with ConsoleProcess(tmp_path, "mission") as console:
+        console.wait_for("close console only")
+        fcntl.ioctl(console.terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 3, 80, 0, 0))
+        console.signal(signal.SIGWINCH)
+        console.type("l")
+        console.wait_for("LAND at the present position?  Y or Enter = yes, any other key = no")
 
 
 def test_silence_of_the_engine_is_loud(tmp_path):
@@ -341,6 +361,20 @@ def test_closed_input_and_a_reader_that_has_gone(tmp_path):
     lines_until(process, "STATE")
     process.stdout.close()
     assert process.wait(20) == 0
+
+
+@pytest.mark.parametrize("closed", [(1,), (1, 2), (0, 1, 2)])
+def test_a_console_that_can_print_nowhere_works_and_ends_as_ever(tmp_path, closed):
+    process, log = plain(tmp_path, "mission", stdin=subprocess.PIPE, preexec_fn=lambda: [os.close(n) for n in closed])
+    if 0 not in closed:
+        process.stdin.write("land\n")
+        process.stdin.flush()
+        while log.read_text() != "land\n":
+            assert process.poll() is None
+            time.sleep(0.05)
+    else:
+        time.sleep(2.0)
+    assert finish(process) == (130, "")
 
 
 def test_no_engine_in_time_has_its_status(tmp_path):

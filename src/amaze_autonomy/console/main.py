@@ -55,6 +55,7 @@ def main(arguments: Optional[List[str]] = None, make_link: Optional[MakeLink] = 
         arguments: the command line without the program's name; None: the process's own.
         make_link: makes the link to the engine from (post, engine's name, quiet); None: the one over ROS.
     """
+    _open_what_is_closed()
     given = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args([each for each in given if ":=" not in each])
     try:
@@ -151,15 +152,20 @@ def _has_rich() -> bool:
     return os.environ.get("TERM") not in (None, "", "dumb")
 
 
+def _open_what_is_closed() -> None:
+    """Open standard input, output and errors on nothing where they are closed: something else would become them."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # it gets the lowest number that is free
+    sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8")
+    sys.stderr = sys.stderr or os.fdopen(2, "w", encoding="utf-8")
+
+
 def _input() -> Optional[int]:
-    """Return standard input, unless reading from it would stop this process (a shell's background) or it is closed."""
-    try:
-        if is_in_background(0):
-            return None
-        os.fstat(0)
-    except OSError:
-        return None
-    return 0
+    """Return standard input, unless reading from it would stop this process (a shell's background)."""
+    return None if is_in_background(0) else 0
 
 
 def _end_on_signals(session: Session, wake: Wake) -> None:

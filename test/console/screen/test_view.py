@@ -26,6 +26,7 @@ from amaze_autonomy.console.model import (
 from amaze_autonomy.console.screen.style import ASCII, UNICODE
 from amaze_autonomy.console.screen.view import Screen
 from amaze_autonomy.console.wire import snapshot_of
+from amaze_autonomy.engine.events import UserCommand
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.journal.report import WAITS
 
@@ -86,6 +87,24 @@ def test_a_question_is_on_a_terminal_of_any_size_as_it_is_drawn(name, width, hei
     question = "LAND at the present position? Y or Enter = yes, any other key = no"
     assert len(lines) == height
     assert question in " ".join(" ".join(lines).split())
+
+
+@pytest.mark.parametrize("width, height", [(80, height) for height in range(1, 8)] + [(25, 10), (25, 3), (12, 9)])
+@pytest.mark.parametrize("name", SCENES)
+def test_a_question_and_its_keys_are_the_last_to_go(name, width, height):
+    question = Question("LAND at the present position?", Request(RequestKind.COMMAND, 1, UserCommand.LAND), NOW_S)
+    desk = replace(SCENES[name], question=question, error="The reason, in many words. " * 9, received_s=NOW_S - 60.0)
+    lines = draw(desk, width, height)
+    asked = "LAND at the present position? Y or Enter = yes, any other key = no"
+    assert (len(lines), {len(line) for line in lines}) == (height, {width})
+    assert asked in " ".join(" ".join(lines).split())
+
+
+@pytest.mark.parametrize("width, height", [(width, height) for width in (1, 2, 10, 25) for height in (1, 4, 8, 24)])
+@pytest.mark.parametrize("name", SCENES)
+def test_a_window_of_no_size_at_all_is_filled_exactly(name, width, height):
+    lines = draw(SCENES[name], width, height)
+    assert (len(lines), {len(line) for line in lines}) == (height, {width})
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from xml.sax.saxutils import escape
 
 from rich.cells import cell_len
 from rich.color import Color
-from rich.console import Console, RenderableType
+from rich.console import Console, ConsoleDimensions, RenderableType
 from rich.live import Live
 from rich.segment import Segment, Segments
 from rich.style import Style as CellStyle
@@ -23,7 +24,7 @@ from .style import Style
 from .view import Screen
 
 _REDRAW_S = 0.25
-_LEAST_WIDTH, _LEAST_HEIGHT = 30, 8
+_USUAL_SIZE = ConsoleDimensions(80, 24)  # of a terminal that does not know its own
 
 
 class _Frame:
@@ -34,13 +35,19 @@ class _Frame:
         self._last: Optional[List[List[Segment]]] = None
 
     def draw(self, session: Session) -> None:
-        width, height = self._console.size
-        options = self._console.options.update(width=max(width, _LEAST_WIDTH), height=None)
-        screen = Screen(session.desk, session.now(), self._style, max(height, _LEAST_HEIGHT))
+        self._console.size = size = _own_size()
+        options = self._console.options.update(width=size.width, height=None)
+        screen = Screen(session.desk, session.now(), self._style, size.height)
         lines = self._console.render_lines(screen, options, pad=True)
         if lines != self._last:
             self._last = lines
             self._live.update(Segments([s for line in lines for s in [*line, Segment.line()]]), refresh=True)
+
+
+def _own_size() -> ConsoleDimensions:
+    """Return the terminal's own size; what the environment says (LINES, COLUMNS) may be that of another window."""
+    width, height = os.get_terminal_size(sys.stdout.fileno())
+    return ConsoleDimensions(width or _USUAL_SIZE.width, height or _USUAL_SIZE.height)
 
 
 class Album:

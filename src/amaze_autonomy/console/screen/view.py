@@ -3,7 +3,7 @@
 From top to bottom: the band (state and time left, large), the message with its advice, what is wrong, progress, the
 table that the state is about, the log of messages; at the bottom, always visible: answer, question, keys. What does not
 fit is cut from the middle, and is there when one scrolls; of a terminal that has no room for that the lower part of the
-band is cut, never its first line, nor the question or the keys.
+band is cut, and of one of a few lines all but the question and what answers it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rich.text import Text
 
 from ..dialog import oldest_open
 from ..keys import QUIT_KEY, offered
-from ..model import Desk, Snapshot
+from ..model import Desk, Question, Snapshot
 from ..words import clock, fraction, level, readings, seconds, waypoint_words, waypoints_reached
 from .style import Style, Tone, tone_of_answer, tone_of_level, tone_of_state
 from .tables import checks_table, failures_table, missions_table
@@ -49,8 +49,9 @@ class Screen:
         bottom = self._lines(console, options, footer(self._desk, self._now_s, width, self._style))
         middle = self._middle(console, options, _ALL)
         if self._height is not None:
-            bottom = bottom[-max(1, self._height - 1) :]
-            top = top[: max(1, self._height - len(bottom))]
+            least = min(self._height, self._lines_asked(console, options))
+            bottom = bottom[-max(1, self._height - 1, least) :]
+            top = top[: self._height - len(bottom)]
             room = max(0, self._height - len(top) - len(bottom))
             middle = self._fitted(console, options, middle, room)
             middle += [[Segment(" " * width)]] * (room - len(middle))
@@ -75,7 +76,13 @@ class Screen:
         if start and len(shown) < room:
             return shown
         hint = self._style.text(" Page Up, Page Down: the rest", Tone.QUIET)
-        return shown[: room - 1] + self._lines(console, options, hint)
+        return shown[: room - 1] + self._lines(console, options, hint)[:1]
+
+    def _lines_asked(self, console: Console, options: ConsoleOptions) -> int:
+        question = self._desk.question
+        if question is None:
+            return 0
+        return len(self._lines(console, options, Padding(_asked(question, self._style), (0, 1))))
 
     def _lines(self, console: Console, options: ConsoleOptions, part: RenderableType) -> List[List[Segment]]:
         return console.render_lines(part, options.update(height=None), pad=True)
@@ -160,11 +167,15 @@ def footer(desk: Desk, now_s: float, width: int, style: Style) -> RenderableType
     if desk.page:
         parts.append(style.text(f"the same as a page: {desk.page}", Tone.QUIET))
     if desk.question is not None:
-        yes = "Y or Enter = yes" if desk.question.enter_is_yes else "Y = yes"
-        parts.append(style.text(f"{desk.question.text}  {yes}, any other key = no", Tone.WARN))
+        parts.append(_asked(desk.question, style))
     elif desk.interactive:
         parts.append(_keys(desk, now_s, style))
     return Group(style.text(style.rule * width), Padding(Group(*parts), (0, 1)))
+
+
+def _asked(question: Question, style: Style) -> Text:
+    yes = "Y or Enter = yes" if question.enter_is_yes else "Y = yes"
+    return style.text(f"{question.text}  {yes}, any other key = no", Tone.WARN)
 
 
 def _said(desk: Desk, now_s: float, style: Style) -> List[RenderableType]:
