@@ -19,6 +19,14 @@ def test_a_restart_must_end_before_the_fix_is_given_up(mistake, small_file):
     )
 
 
+def test_no_more_components_are_watched_than_a_message_lists(mistake, small_file):
+    """What is cut off would be missing among what a mission requires."""
+    rows = "".join(f"  c{number}: {{group: px4, severity: low, autopilot: gps}}\n" for number in range(99))
+    assert mistake("sensors.yaml", small_file("sensors.yaml") + rows) == (
+        "sensors.yaml:1: components: has 101; must have at most 100: a message lists no more"
+    )
+
+
 OF_BOTH = r"of . [a-z] [^/] (a|b) * + ? {2} \d \w alone, which rosbag and Python read alike"
 NEEDED = "must be another one, or another node: %s, and is never ended: the vehicle would be uncontrollable"
 

@@ -92,6 +92,7 @@ missions:
             files=2,
             repetitions=2,
             battery_needed_fraction=0.5,
+            still_needed=(1.0, 0.75, 0.5, 0.25),
             estimated_duration_s=56.0,
             severities=(("gps", Severity.HIGH), ("camera", Severity.LOW)),
             required=("gps",),

@@ -9,7 +9,10 @@ from engine_beginnings import at
 from engine_peers import S
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.commands import AutopilotDisarm, Level, Notify
+from amaze_autonomy.engine.commands import MESSAGES, AutopilotDisarm, Level, Notify
+from amaze_autonomy.engine.flight_guards import ALARM_STANDS
+from amaze_autonomy.engine.state import State, Step
+from amaze_autonomy.engine.transitions import TRANSITIONS
 from amaze_autonomy.monitoring.land_switch import LandRequests
 
 
@@ -45,6 +48,9 @@ def test_nothing_takes_off_against_a_switch_that_says_land(place):
     story.look().feed(ev.UserRequest, command=request.command, by=request.by)
     story.until("MISSION_ENDED").after(10.0)
     assert "TAKEOFF" not in story.motions
+    (told,) = [each.text for each in story.since if isinstance(each, Notify) and each.key == "called_off"]
+    assert told == "No further takeoff: the transmitter's land switch says land."
+    assert ("by", request.by) in [(each.name, each.value) for decision in story.decisions for each in decision.values]
 
 
 def test_second_route_after_3_s_alarm_after_6_s_and_again_at_the_limit():
@@ -288,12 +294,63 @@ def test_an_alarm_that_no_sign_of_a_landing_ends_is_shown_until_it_has_landed(al
     story = _on_ground_armed()
     story.after(125.0 if alarm == "land_limit" else 45.0)
     assert story.state.shown.key == alarm
-    story.fail("realsense_imu", 8).say(landed=ev.VehicleLanded.LANDING).after(1.0)
+    story.fail("realsense_imu", 8).after(1.0)
     assert story.state.shown.key == alarm
-    story.vehicle.says.clear()
     story.disobeyed.clear()
     story.until("DATA_CLEANUP")
     assert story.state.shown.key == "data_cleanup"
+
+
+def test_an_alarm_that_stands_is_shown_again_when_another_one_is_over():
+    story = _on_ground_armed()
+    story.disobeyed += ["LAND", "AutopilotLand"]
+    story.after(45.0)
+    assert story.state.shown.key == "stays_armed"
+    story.silent.append("autopilot")
+    story.after(2.0)
+    assert story.state.shown.key == "autopilot_lost"
+    story.silent.clear()
+    story.after(2.0)
+    assert story.state.shown.key == "stays_armed"
+
+
+def test_on_the_ground_and_armed_is_not_shown_of_a_vehicle_in_the_air():
+    story = _on_ground_armed()
+    story.after(45.0)
+    story.vehicle.height, story.vehicle.landed, story.vehicle.speed = 15.0, ev.VehicleLanded.IN_AIR, 0.0
+    story.landing_says = ev.Landed.AIRBORNE
+    story.after(5.0)
+    assert story.state.shown.key != "stays_armed"
+
+
+def test_a_vehicle_that_is_heard_again_is_not_to_be_taken_over_while_it_lands():
+    story = at("LAND descending")
+    story.vehicle.speed = 0.0
+    story.vehicle.says["landed"] = ev.VehicleLanded.UNKNOWN
+    story.after(12.0)
+    assert story.state.shown.key == "autopilot_lost"
+    story.vehicle.says.clear()
+    story.after(2.0)
+    assert story.state.shown.level is not Level.ALARM
+
+
+def test_the_alarm_of_a_landing_that_was_given_up_is_not_shown_of_the_next_one():
+    story = at("MISSION flying")
+    story.vehicle.height, story.planner.flown_ns, story.vehicle.obeys = 25.0, -(10**18), False
+    story.silent.append("autopilot")
+    story.after(9.0).user("acknowledge")
+    story.until("MISSION_ENDED").silent.clear()
+    story.vehicle.obeys = True
+    story.after(3.0).expect("LAND")
+    assert story.state.shown.level is not Level.ALARM
+
+
+def test_each_alarm_of_a_landing_says_until_when_it_stands():
+    told = {
+        row.message for row in TRANSITIONS if State.LAND in row.sources or (State.LAND, Step.COMMANDING) in row.sources
+    }
+    alarms = {key for key in told if key and MESSAGES[key].level is Level.ALARM} - {"landing_given_up"}
+    assert alarms == set(ALARM_STANDS)
 
 
 # --- sticky -----------------------------------------------------------------------------------------------------------

@@ -10,8 +10,8 @@ from engine_peers import CHECKS, MISSION, SHIPPED, S
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.commands import Level, LoadMission, Notify, StopRecording
-from amaze_autonomy.engine.events import Mission
+from amaze_autonomy.engine.commands import Level, LoadMission, Notify, RunCheck, StopRecording
+from amaze_autonomy.engine.events import CheckName, Mission
 from amaze_autonomy.engine.guards import lost_of
 
 
@@ -40,6 +40,14 @@ def test_files_and_repetitions_are_flown_in_their_order(files, repetitions, expe
     asked = sum(name.startswith("check:") for name in story.requests)
     assert asked == len(CHECKS) * (1 + len(expected)), "each takeoff passes the checks"
     assert story.state.session.result.value == "COMPLETE"
+
+
+def test_each_takeoff_is_asked_for_what_of_the_battery_is_still_needed():
+    mission = Mission(id="3", files=3, battery_needed_fraction=0.8, still_needed=(1.0, 0.75, 0.25))
+    story = Story(SHIPPED, mission).start().after(0.5).select().until("MISSION_ENDED", limit_s=400.0)
+    asked = [c.required_fraction for _, c in story.sent if isinstance(c, RunCheck) and c.check is CheckName.BATTERY]
+    assert list(dict.fromkeys(asked)) == [0.8, 0.65, 0.35]
+    assert story.motions.count("TAKEOFF") == 3
 
 
 def test_touchdown_is_not_in_flight():
@@ -323,7 +331,32 @@ def is_given_up_and_heard_again(story):
     story.after(2.0).expect("LAND")
 
 
-@pytest.mark.parametrize("how", [flies_on_behind_the_end, is_given_up, is_given_up_and_heard_again])
+def is_disarmed_after_it_flew_on(story):
+    flies_on_behind_the_end(story)
+    story.after(2.0).expect("LAND")
+    story.vehicle.obeys, story.vehicle.speed = False, 0.0
+    story.after(60.0)
+    story.vehicle.says.update(armed=False, landed=ev.VehicleLanded.UNKNOWN)
+    story.after(90.0).user("acknowledge")
+
+
+def is_acknowledged_unheard(story):
+    story.vehicle.height = 25.0
+    story.say(mode="POSCTL", pilot_in_control=True).after(2.0).expect("PILOT")
+    story.silent.append("autopilot")
+    story.after(40.0).user("acknowledge")
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        flies_on_behind_the_end,
+        is_given_up,
+        is_given_up_and_heard_again,
+        is_disarmed_after_it_flew_on,
+        is_acknowledged_unheard,
+    ],
+)
 def test_data_that_ends_before_the_flight_is_not_complete_whatever_the_recorder_says(how):
     story = at("MISSION flying").look()
     how(story)

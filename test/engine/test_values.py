@@ -61,6 +61,7 @@ def test_an_engine_that_has_heard_nothing_believes_nothing():
         "label": "session",
     }
     assert {name: {field: said for field, said in vars(part).items() if said} for name, part in parts.items()} == {
+        "said": {"level": Level.INFO},
         "shown": {"level": Level.INFO},
         "session": {"result": Result.NONE, "data_result": DataResult.NONE, "outreach": OutreachKind.NONE},
         "preflight": {"load": Asked()},

@@ -367,3 +367,13 @@ def test_a_line_of_the_journal_that_nobody_knows_costs_that_line(tmp_path, flown
     assert len(damaged) == 1
     assert damaged[0].startswith(f"DAMAGED: {JOURNAL}: a line cannot be read: line ")
     assert "counterfactual" not in last[1]
+
+
+def test_a_recorded_watchdog_that_has_said_nothing_yet_forbids_no_takeoff(bag, tmp_path):
+    """Until its first word the script answers in its place, for each component that the mission requires."""
+    lines = (MAPS / "amaze_demo.yaml").read_text().splitlines()
+    (tmp_path / "map.yaml").write_text(
+        "\n".join([each for each in lines if "journal:" not in each]) + "\nrecorded_statuses: decide\n"
+    )
+    outcome, _ = replay(bag, str(tmp_path / "map.yaml"))
+    assert "takeoff" in [decision.rule for decision in outcome.decisions]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, NoReturn, Optional, Tuple
 
 from ..engine.rules import SEVERITIES, Action, Severity
+from ..interface.fields import MOST_ITEMS
 from ..missions import Controller, FlightModel, Frame, climb_s
 from ..monitoring.component import return_time
 from ..monitoring.restart import why_kept
@@ -568,6 +569,13 @@ def check_components(components: Mapping[str, Any], places: Places) -> None:
     Raises:
         ConfigError: about the first key that cannot be.
     """
+    if len(components) > MOST_ITEMS:
+        refuse_at(
+            ("components",),
+            places,
+            f"has {len(components)}",
+            f"must have at most {MOST_ITEMS}: a message lists no more",
+        )
     for name, component in components.items():
         here = ("components", name)
         _check_sources(component, here, places)

@@ -189,6 +189,7 @@ def mission_of(
     flights: int,
     needed_fraction: float,
     duration_s: float,
+    still_needed: Tuple[float, ...],
 ) -> Mission:
     """Return a mission as the engine sees it; `flights` of a repetition."""
     limits = {field.name: None for field in fields(Mission) if field.name.startswith("max_")}
@@ -201,6 +202,7 @@ def mission_of(
         files=flights,
         repetitions=values["repetitions"],
         battery_needed_fraction=needed_fraction,
+        still_needed=still_needed,
         estimated_duration_s=duration_s,
         severities=tuple((name, Severity(value)) for name, value in values["severities"].items()),
         required=tuple(values["required"]) or _required(components),

@@ -7,6 +7,7 @@ import hashlib
 import math
 import re
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
@@ -23,6 +24,7 @@ from amaze_autonomy.missions import (
     Home,
     MissionPlan,
     Polygon,
+    Round,
     Route,
     Said,
     Trajectory,
@@ -231,9 +233,16 @@ def _plan(
         values, max(flight.duration_s for flight in (*first.flights, *again.flights)), limits, here, places
     )
     needed = _battery(values, whole.duration_s, model, limits.battery_reserve_fraction, here, places)
-    figures = len(trajectories), round(needed, 6), round(whole.duration_s, 6)
+    figures = len(trajectories), round(needed, 6), round(whole.duration_s, 6), _still_needed(first, again, values)
     mission = mission_of(mission_id, values, components, *figures)
     return MissionPlan(mission, trajectories, first, again, home, Controller(values["controller"]))
+
+
+def _still_needed(first: Round, again: Round, values: Mapping[str, Any]) -> Tuple[float, ...]:
+    """Return what part of a mission is still to be flown from each takeoff on; of a single flight nothing."""
+    durations_s = [flight.duration_s for flight in (*first.flights, *again.flights * (values["repetitions"] - 1))]
+    left_s = list(accumulate(reversed(durations_s)))[::-1]
+    return tuple(round(each / left_s[0], 6) for each in left_s) if len(left_s) > 1 and left_s[0] else ()
 
 
 def _battery(

@@ -204,16 +204,11 @@ class Decision(Command):
 
 @dataclass(frozen=True)
 class Message:
-    """One message: how loud, the sentence (fields in braces), and what the user can do.
-
-    Args:
-        until: of an alarm, what takes its place while the vehicle is landed; else only another alarm does.
-    """
+    """One message: how loud, the sentence (fields in braces), and what the user can do."""
 
     level: Level
     text: str
     advice: str = ""
-    until: Tuple[str, ...] = ()
 
 
 _I, _W, _E, _A = Level.INFO, Level.WARNING, Level.ERROR, Level.ALARM
@@ -285,14 +280,10 @@ MESSAGES: Mapping[str, Message] = {
     "clock_runs": Message(_I, "/clock runs again."),
     "land_second_route": Message(_E, "No sign of landing: sending LAND to the autopilot."),
     "land_both_routes": Message(_E, "Sending LAND to the autopilot, too: {reason}"),
-    "land_alarm": Message(
-        _A, "PILOT: THE VEHICLE DOES NOT LAND. TAKE OVER.", "Take over by remote control.", ("land_shown",)
-    ),
+    "land_alarm": Message(_A, "PILOT: THE VEHICLE DOES NOT LAND. TAKE OVER.", "Take over by remote control."),
     "stays_armed": Message(_A, "PILOT: ON THE GROUND AND STILL ARMED. STOP THE MOTORS.", "Keep clear."),
     "land_limit": Message(_A, "PILOT: NOT LANDED AFTER {limit_s:.0f} s. TAKE OVER.", "Take over by remote control."),
-    "autopilot_lost": Message(
-        _A, "PILOT: TAKE OVER IF YOU CAN: {reason}", "Take over by remote control.", ("land_shown",)
-    ),
+    "autopilot_lost": Message(_A, "PILOT: TAKE OVER IF YOU CAN: {reason}", "Take over by remote control."),
     "disarm": Message(_W, "On the ground but still armed: disarming.", "Keep clear."),
     "pilot": Message(
         _W,
@@ -308,6 +299,7 @@ MESSAGES: Mapping[str, Message] = {
         "Mission ended: {result}; its data is INCOMPLETE. {location}",
         "Nothing was deleted. {what_next}",
     ),
+    "called_off": Message(_W, "No further takeoff: {by} says land."),
     "queue_dropped": Message(_W, "Remaining missions cancelled: {missions}", "Select them again."),
     "shutdown": Message(
         _E,

@@ -203,21 +203,16 @@ class Context:
             self.set(queue=())
 
     def notify(self, key: str, **values: object) -> None:
-        """Tell the user by an entry of the table of messages, if any; an alarm stays shown while it stands."""
+        """Tell the user by an entry of the table of messages; ignore the empty key."""
         if not key:
             return
         entry = MESSAGES[key]
         text, advice = (words.format(**values).rstrip() for words in (entry.text, entry.advice))
         told = Notify(level=entry.level, key=key, text=text, advice=advice)
-        if told.level is Level.ALARM or not self._alarms(until=key):
-            self.set(shown=told)
+        self.set(said=told)
+        if told.level is Level.ALARM and self.state.state is State.LAND:
+            self.put("landing", alarms=(*(each for each in self.state.landing.alarms if each.key != key), told))
         self.commands.append(told)
-
-    def _alarms(self, until: str) -> bool:
-        """Return True while a vehicle is landed under an alarm that a message does not end."""
-        shown = self.state.shown
-        under_alarm = self.state.state is State.LAND and shown.level is Level.ALARM
-        return under_alarm and until not in MESSAGES[shown.key].until
 
     # --- the vehicle, as far as it is known freshly -------------------------------------------------------------------
 
@@ -313,7 +308,7 @@ class Context:
             return False
         if status.mode in LANDING_MODES or status.landed is VehicleLanded.LANDING:
             return True
-        low = status.height_m is not None and status.height_m <= self.limits.landing_height_m
+        low = status.height_m is not None and abs(status.height_m) <= self.limits.landing_height_m
         since = self.state.vehicle.descending_ns
         return low and since is not None and self.now - since >= self.limits.descent_time_ns
 

@@ -25,7 +25,7 @@ from .context import Context
 from .effects import ENTER, begin_session, drop_queue
 from .events import Event, MissionRejected, MissionSelected, RecordingPhase, UserCommand, UserRequest
 from .failsafe import Change, and_words, waiting
-from .flight_guards import nobody_knows
+from .flight_guards import ALARM_STANDS, nobody_knows
 from .rules import Rules
 from .state import EngineState, Failure, FailureKind, Result, State, Step, put
 from .transitions import ROWS_AT, Place, Transition
@@ -262,9 +262,20 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
         context.set(land_deferred=None)
     if context.state.signal and not context.suspected() and not _seems_over(context.state):
         context.set(signal="")
+    _show(context)
     if not context.commands and not decisions:
         return context.state, ()
     return context.state, (*sorted(context.commands, key=_rank), *decisions)
+
+
+def _show(context: Context) -> None:
+    """Show the last alarm of the landing that still stands, else the last message."""
+    state = context.state
+    alarms = state.landing.alarms if state.state is State.LAND else ()
+    standing = [each for each in alarms if ALARM_STANDS[each.key](context) is not None]
+    shown = standing[-1] if standing else state.said
+    if shown is not state.shown:
+        context.set(shown=shown)
 
 
 def _seems_over(state: EngineState) -> bool:

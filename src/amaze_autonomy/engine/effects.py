@@ -96,11 +96,12 @@ def run_checks(context: Context) -> None:
 
 
 def _request(context: Context, check: CheckName) -> RunCheck:
-    mission, started = context.state.session.mission, context.state.peers.watchdog_started_ns is not None
+    session, started = context.state.session, context.state.peers.watchdog_started_ns is not None
+    mission, reserve = session.mission, context.limits.battery_reserve_fraction
     known: Mapping[str, Any] = {
         "required": mission.required if mission is not None else (),
         "startup_time_ns": 0 if started else context.limits.watchdog_startup_time_ns,
-        "required_fraction": mission.battery_needed_fraction if mission is not None else None,
+        "required_fraction": mission.battery_needed(session.takeoff, reserve) if mission is not None else None,
     }
     return RunCheck(
         id=context.take_id(),
@@ -293,9 +294,21 @@ def disarm(context: Context) -> None:
 
 def give_up_landing(context: Context) -> None:
     """Take what is heard of the vehicle from now on as after a start: in the air, it is landed."""
-    context.put("recording", flown_on=not context.disarmed_for_long())
+    lose_sight(context)
     context.set(armed_at_start=None)
     context.put("vehicle", down=None, aloft=None, motors=None, disarmed=None, spinning=None)
+
+
+def lose_sight(context: Context) -> None:
+    """The recording ends before anybody knows that the flight did, unless it has been disarmed for long."""
+    flown_on = context.state.recording.flown_on or not context.disarmed_for_long()
+    context.put("recording", flown_on=flown_on)
+
+
+def say_who(context: Context) -> None:
+    """Say what asks for it in the place of a person."""
+    if context.asked_by:
+        context.notify("called_off", by=context.asked_by)
 
 
 def pilot(context: Context) -> None:

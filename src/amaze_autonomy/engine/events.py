@@ -122,6 +122,7 @@ class Mission:
         files: number of waypoint files, at least 1.
         repetitions: how often the files are flown, at least 1.
         battery_needed_fraction: fraction 0..1 of the battery that it needs, reserve included; None: unknown.
+        still_needed: what part of that, without the reserve, is needed from each takeoff on; empty: all of it.
         estimated_duration_s: of all files and repetitions together; None: unknown.
         severities: (component, severity) for components that this mission judges otherwise.
         required: components that must be at code 1 before takeoff; empty: all listed.
@@ -137,6 +138,7 @@ class Mission:
     files: int = 1
     repetitions: int = 1
     battery_needed_fraction: Optional[float] = None
+    still_needed: Tuple[float, ...] = ()
     estimated_duration_s: Optional[float] = None
     severities: Tuple[Tuple[str, Severity], ...] = ()
     required: Tuple[str, ...] = ()
@@ -154,6 +156,13 @@ class Mission:
         needed = self.battery_needed_fraction
         if needed is not None and not 0.0 <= needed <= 1.0:
             raise ValueError(f"mission {self.id}: battery_needed_fraction is {needed}, must be within 0..1")
+
+    def battery_needed(self, takeoff: int, reserve_fraction: float) -> Optional[float]:
+        """Return the fraction 0..1 of the battery that is needed from a takeoff on, the first is 0; None: unknown."""
+        needed = self.battery_needed_fraction
+        if needed is None or takeoff == 0 or takeoff >= len(self.still_needed):
+            return needed
+        return round(reserve_fraction + max(0.0, needed - reserve_fraction) * self.still_needed[takeoff], 6)
 
 
 # --- events -----------------------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Optional
+from typing import Callable, Mapping, Optional
 
 from . import failsafe
 from .commands import Seen, Value, because
@@ -10,7 +10,7 @@ from .context import FLYING_MODES, HOLDING_MODES, LANDING_MODES, Context, fast, 
 from .events import MissionPhase, Outcome, VehicleLanded
 from .failsafe import FAILSAFE_CONDITIONS
 from .guards import Guard, holds_if
-from .state import Failure, OutreachKind, State
+from .state import Failure, OutreachKind, State, Step
 from .timers import passed
 
 _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
@@ -211,9 +211,14 @@ def must_land_both(context: Context) -> Optional[Seen]:
 
 
 def must_alarm(context: Context) -> Optional[Seen]:
-    """Something is lost that the pilot must know at once."""
+    """Something is lost that the pilot must know at once, and was not told yet."""
+    return None if context.state.landing.lost_alarmed else _lost(context)
+
+
+def _lost(context: Context) -> Optional[Seen]:
+    """Something is lost that the pilot must know."""
     lost = [f for f in context.state.failures if f.name in _ALARM] if context.state.flight.active else []
-    return _failed(context, lost[0]) if lost and not context.state.landing.lost_alarmed else None
+    return _failed(context, lost[0]) if lost else None
 
 
 def must_wait(context: Context) -> Optional[Seen]:
@@ -367,3 +372,15 @@ def not_overdue_alarmed(context: Context) -> Optional[Seen]:
 def one_route_only(context: Context) -> Optional[Seen]:
     """The landing was commanded by the planner's route alone."""
     return holds_if(context.state.landing.second_route_ns is None)
+
+
+# --- alarms -----------------------------------------------------------------------------------------------------------
+
+
+ALARM_STANDS: Mapping[str, Callable[[Context], Optional[Seen]]] = {
+    "autopilot_lost": _lost,
+    "land_alarm": lambda context: holds_if(context.state.step is Step.COMMANDING),
+    "land_limit": lambda _: Seen(),
+    "stays_armed": lambda context: holds_if(context.on_ground() and context.armed()),
+}
+"""Until when each alarm of a landing is shown, whatever else is said; none outlives the landing."""

@@ -43,25 +43,29 @@ def user(command: UserCommand) -> Guard:
     """Hold when the user asks for it and the table of answers allows it."""
 
     def guard(context: Context) -> Optional[Seen]:
-        by = context.asked_by
-        values = (Value("user", command.value), *((Value("by", by),) if by else ()))
-        return holds_if(context.user is command, *values, reason=by)
+        return _asks(context, command)
 
     return on_request(guard)
+
+
+def _asks(context: Context, *commands: UserCommand) -> Optional[Seen]:
+    """Return what the user asks for, and what does so in his place, when it is one of these."""
+    if context.user is None or context.user not in commands:
+        return None
+    by = context.asked_by
+    return Seen((Value("user", context.user.value), *((Value("by", by),) if by else ())), by)
 
 
 @on_request
 def user_gives_up(context: Context) -> Optional[Seen]:
     """The user gives up or aborts before takeoff."""
-    asked = context.user in (UserCommand.GIVE_UP, UserCommand.ABORT)
-    return holds_if(asked, Value("user", context.user.value if context.user else ""))
+    return _asks(context, UserCommand.GIVE_UP, UserCommand.ABORT)
 
 
 @on_request
 def user_ends(context: Context) -> Optional[Seen]:
     """The user lands, aborts or gives up between two files."""
-    asked = context.user in (UserCommand.GIVE_UP, UserCommand.ABORT, UserCommand.LAND)
-    return holds_if(asked, Value("user", context.user.value if context.user else ""))
+    return _asks(context, UserCommand.GIVE_UP, UserCommand.ABORT, UserCommand.LAND)
 
 
 def timer(name: str) -> Guard:

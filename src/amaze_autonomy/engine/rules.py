@@ -223,7 +223,7 @@ class Limits:
     land_limit_ns: int = _LANDING.time(120, 3600, "time in which the vehicle must be on the ground and disarmed", "30 m at 0.5 m/s take a minute")
     descent_speed_m_s: float = _LANDING.number(0.2, 10.0, "sinking faster than this is a descent", "above the noise of a hover")
     descent_time_ns: int = _LANDING.time(1, 30, "so long it must sink to show that it lands", "a gust is shorter")
-    landing_height_m: float = _LANDING.number(1.5, 50.0, "sinking for that long below this height is a landing: nothing is held any more", "the overshoot of a takeoff, or a leg of a mission, sinks higher up")
+    landing_height_m: float = _LANDING.number(1.5, 50.0, "sinking for that long within this height of the takeoff place is a landing: nothing is held any more", "the overshoot of a takeoff, or a leg of a mission, sinks higher up")
     ground_disarm_after_ns: int = _LANDING.time(4, 120, "time on the ground, armed, after which it is disarmed by command", "PX4 disarms by itself after 2 s")
     ground_disarm_period_ns: int = _LANDING.time(2, 60, "pause between two disarm commands", "the autopilot may refuse the first")
     flight_end_confirm_ns: int = _LANDING.time(0.5, 10, "so long statuses must agree on disarmed and on the ground before the flight is over", "one wrong status must not end the supervision; costs this time after each landing")

@@ -222,6 +222,11 @@ class Session:
     data_result: DataResult = DataResult.NONE
     outreach: OutreachKind = OutreachKind.NONE
 
+    @property
+    def takeoff(self) -> int:
+        """Which of the mission's takeoffs it is about; the first is 0."""
+        return 0 if self.mission is None else self.repetition * self.mission.files + self.file_index
+
 
 @dataclass(frozen=True)
 class Asked:
@@ -311,6 +316,7 @@ class Landing:
         second_route_ns: the first command to the autopilot itself.
         alarmed, overdue_alarmed: the pilot was alarmed, because nothing shows a landing, and because of its limit.
         lost_alarmed, armed_alarmed: likewise, because the vehicle is not heard, and because it stays armed.
+        alarms: that the pilot was told, the last of each kind.
         disarm_sent_ns: the last command to disarm.
     """
 
@@ -323,6 +329,7 @@ class Landing:
     overdue_alarmed: bool = False
     armed_alarmed: bool = False
     lost_alarmed: bool = False
+    alarms: Tuple[Notify, ...] = ()
     disarm_sent_ns: Optional[int] = None
 
 
@@ -445,7 +452,7 @@ class EngineState:
         shutting_down, signal: the process was told to end; the signal while nobody has answered it.
         land_deferred: who asked for a landing while it was not clear who has control, or whether it has landed; empty:
             the user; None: nobody.
-        shown: the last message to the user.
+        said: the last message to the user; `shown`: what he is shown, an alarm for as long as it stands.
 
     The rest are parts, each of which begins anew by one assignment.
     """
@@ -467,6 +474,7 @@ class EngineState:
     shutting_down: bool = False
     signal: str = ""
     land_deferred: Optional[str] = None
+    said: Notify = _NOTHING
     shown: Notify = _NOTHING
 
     session: Session = Session()

@@ -90,11 +90,20 @@ def _content_of(m: Moment, request: Any) -> str:
 
 def _question_of(m: Moment, request: RunCheck, mission: Optional[Mission]) -> str:
     watchdog, battery = request.check.value == "watchdog", request.check.value == "battery"
-    needed = mission.battery_needed_fraction if mission is not None and battery else None
+    needed = _still_needed(m, mission) if mission is not None and battery else None
     required = mission.required if mission is not None and watchdog else ()
     startup = m.rules.limits.watchdog_startup_time_ns if watchdog and not m.saw.watching else 0
     said, expected = (request.required_fraction, request.required, request.startup_time_ns), (needed, required, startup)
     return "" if said == expected else f"asks {said}, not {expected}"
+
+
+def _still_needed(m: Moment, mission: Mission) -> Optional[float]:
+    """Return what of the battery the takeoffs that are still to come need, reserve included."""
+    whole, reserve = mission.battery_needed_fraction, m.rules.limits.battery_reserve_fraction
+    flown = m.after.session.file_index + m.after.session.repetition * mission.files
+    if whole is None or not flown or flown >= len(mission.still_needed):
+        return whole
+    return round(reserve + max(0.0, whole - reserve) * mission.still_needed[flown], 6)
 
 
 def _legs(m: Moment, mission: Optional[Mission]) -> Tuple[Tuple[int, int], ...]:

@@ -160,7 +160,7 @@ class Witness:
             return True  # right after a restart it was not heard yet
         if status is None:
             return False
-        low = status.height_m is not None and status.height_m <= limits.landing_height_m
+        low = status.height_m is not None and abs(status.height_m) <= limits.landing_height_m
         sinks = self.descending_ns is not None and self.now - self.descending_ns >= limits.descent_time_ns
         return status.mode in _LANDING_MODES or status.landed is ev.VehicleLanded.LANDING or (low and sinks)
 
@@ -617,6 +617,9 @@ def _told(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
     if command.level.name == "ALARM":
         changes["alarmed"] = True
         changes["alarms"] = (*changes.get("alarms", witness.alarms), command.key)
+    known_down = witness.vehicle is not None and witness.vehicle.armed is False
+    if command.key == "landing_given_up" and not known_down:
+        changes["flown_on"] = True
     if command.key == "data_incomplete" and witness.recording not in ("none", "complete"):
         changes["recording"] = "named"
 
