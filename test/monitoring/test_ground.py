@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from math import cos, inf, nan, radians
-from typing import List, Optional
+from struct import pack, unpack
+from typing import Callable, List, Optional
 
 import pytest
 from hypothesis import given
@@ -55,6 +56,38 @@ def test_the_limits_of_the_message_are_in_its_units(reading: float, seen: Option
     assert seen_m(reading, MILLIMETRES, 20.0, 30000.0) == seen
     nearest = nearest_return([reading], MILLIMETRES, 20.0, 30000.0)
     assert (nearest == reading) is (seen is not None)
+
+
+def as_float32(value: float) -> float:
+    """Return a number as a message with a field of 32 bits brings it."""
+    told: float = unpack("<f", pack("<f", value))[0]
+    return told
+
+
+@pytest.mark.parametrize("tell", [as_float32, float])
+@pytest.mark.parametrize("sentinel", [0.03, 0.05, 8.19, 65.535])
+def test_a_sentinel_is_known_in_the_numbers_of_the_message(sentinel: float, tell: Callable[[float], float]):
+    spec = LandingSpec(sentinels=(sentinel,), max_range_m=100.0)
+    assert seen_m(tell(sentinel), spec) is None
+    assert seen_m(tell(sentinel), spec, tell(0.02), tell(99.0)) is None
+    assert seen_m(tell(1.001 * sentinel), spec) == tell(1.001 * sentinel)
+
+
+@pytest.mark.parametrize("tell", [as_float32, float])
+@pytest.mark.parametrize("scale", [1.0, 0.001, 0.01, 0.3048])
+@pytest.mark.parametrize("limit_m", [0.1, 0.7, 1.2, 3.7, 8.19, 8.2, 12.2, 25.9])
+def test_a_limit_is_met_in_the_numbers_of_the_message(limit_m: float, scale: float, tell: Callable[[float], float]):
+    reading = tell(limit_m / scale)
+    below = LandingSpec(scale=scale, max_range_m=limit_m, sentinels=())
+    above = LandingSpec(scale=scale, min_range_m=limit_m, sentinels=())
+    assert seen_m(reading, below) is None
+    assert seen_m(0.999 * reading, below) == pytest.approx(0.999 * limit_m)
+    assert seen_m(reading, above) == pytest.approx(limit_m)
+    assert seen_m(0.999 * reading, above) is None
+
+
+def test_a_number_beyond_those_of_a_message_is_a_sentinel_all_the_same():
+    assert seen_m(0.5, LandingSpec(sentinels=(1e300, -1e300))) == 0.5
 
 
 def test_of_a_scan_the_nearest_valid_return_counts():

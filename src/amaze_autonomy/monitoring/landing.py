@@ -46,13 +46,10 @@ def seen_m(
         min_range: what the message itself says, in the same units; None, NaN or nonsense: the specification's.
         max_range: likewise.
     """
-    if not isfinite(reading) or reading * spec.scale < min(0.0, spec.least_m) or reading in spec.sentinels:
-        return None
-    distance_m = reading * spec.scale
-    own_least, own_most = (None if own is None else own * spec.scale for own in (min_range, max_range))
-    least = spec.least_m if own_least is None or not 0 < own_least < spec.max_range_m else own_least
-    most = spec.max_range_m if own_most is None or not least < own_most < spec.max_range_m else own_most
-    return distance_m if least <= distance_m < most else None
+    least, most, sentinels = spec.limits
+    least = least if min_range is None or not 0 < min_range < most else min_range
+    most = most if max_range is None or not least < max_range < most else max_range
+    return reading * spec.scale if least <= reading < most and reading not in sentinels else None
 
 
 def nearest_return(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import enum
+from array import array
 from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite, pi, radians
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 from .errors import SpecError
 
@@ -80,6 +82,27 @@ class EstimateSource(enum.Enum):
     POSE_WITH_COVARIANCE = "pose_with_covariance"
 
 
+class RangeLimits(NamedTuple):
+    """What of a reading is "nothing seen", in units of the message.
+
+    A reading is mostly a float32, which holds 8.2 as 8.1999998: each limit is the lower one of the number itself and of
+    its float32, and a sentinel counts as both, so that a reading of either width meets them.
+
+    Args:
+        least: readings below.
+        most: readings from here on.
+        sentinels: readings that are one of these.
+    """
+
+    least: float
+    most: float
+    sentinels: Tuple[float, ...]
+
+
+def _float32(value: float) -> float:
+    return array("f", [value])[0]
+
+
 @dataclass(frozen=True)
 class LandingSpec(Checked):
     """How the distance to the ground is measured, and when it means that the vehicle is on it or has landed.
@@ -143,6 +166,12 @@ class LandingSpec(Checked):
     def least_m(self) -> float:
         """Lowest reading that is one: a height has no blind zone, and may be a little below the ground."""
         return -self.ground_distance_m if self.source is RangeSource.POSE else self.min_range_m
+
+    @cached_property
+    def limits(self) -> RangeLimits:
+        """What of a reading is nothing seen, in units of the message."""
+        least, most = (min(told, _float32(told)) for told in (self.least_m / self.scale, self.max_range_m / self.scale))
+        return RangeLimits(least, most, (*self.sentinels, *map(_float32, self.sentinels)))
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,17 @@ from bisect import bisect_right
 from random import Random
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from replay_bags import S
 
 from amaze_autonomy.engine.events import Landed
-from amaze_autonomy.monitoring.landing import LandingDetector
+from amaze_autonomy.monitoring.landing import LandingDetector, seen_m
 from amaze_autonomy.monitoring.specs import LandingSpec
 from amaze_autonomy.replay.maps.topic_map import Reading
 from amaze_autonomy.replay.monitors.feeds import RangeFeed
+from amaze_autonomy.replay.monitors.monitor_columns import _heights
 from amaze_autonomy.replay.recordings.fields import Track
 
 SPEC = LandingSpec(mounting_height_m=0.1, scale=0.01, sentinels=(8191.0,))
@@ -68,6 +70,20 @@ def test_the_detector_is_left_as_by_one_reading_after_the_other(told, random):
         together.until((asked_ns, 1))
         assert state_of(together._detector) == state_of(alone._detector)
         assert together._detector.evaluate(asked_ns) == alone._detector.evaluate(asked_ns)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("scale", [1.0, 0.01, 0.3048])
+@pytest.mark.parametrize("own", [(float("nan"), float("nan")), (0.0, 0.0), (0.2, 7.7), (0.1, 8.2)])
+def test_both_see_the_same_at_each_limit_and_sentinel(own, scale, kind):
+    spec = LandingSpec(mounting_height_m=0.0, scale=scale, min_range_m=0.1, max_range_m=8.2, sentinels=(1.3, 65.535))
+    edges = [0.1 / scale, 8.2 / scale, *own, *spec.sentinels, 0.0, -1.0, float("inf")]
+    readings = np.array([near for edge in map(kind, edges) for near in (edge, *np.nextafter(edge, kind([-9, 99])))])
+    least, most = map(kind, own)
+    columns = (readings, np.full_like(readings, least), np.full_like(readings, most))
+    heights, seen = _heights(Track(np.arange(len(readings)), columns), spec)
+    alone = [seen_m(float(each), spec, float(least), float(most)) for each in readings]
+    assert [each if good else None for each, good in zip(heights.tolist(), seen)] == alone
 
 
 def test_a_long_flight_is_taken_at_once(monkeypatch):

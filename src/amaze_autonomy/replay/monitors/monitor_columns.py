@@ -150,14 +150,14 @@ class LandingColumns:
 
 
 def _heights(track: Track, spec: LandingSpec) -> Tuple[Any, Any]:
-    """Return the heights above the ground, by the arithmetic of `ground.seen_m`, and which of them were seen."""
-    reading, least, most = (column.astype(float) for column in track.columns)
+    """Return the heights above the ground, by the arithmetic of `landing.seen_m`, and which of them were seen."""
+    reading, own_least, own_most = (column.astype(float) for column in track.columns)
+    least, most, sentinels = spec.limits
     with np.errstate(all="ignore"):
-        distance, least, most = reading * spec.scale, least * spec.scale, most * spec.scale
-        least = np.where((least > 0) & (least < spec.max_range_m), least, spec.least_m)
-        most = np.where((least < most) & (most < spec.max_range_m), most, spec.max_range_m)
-        seen = np.isfinite(reading) & (distance >= min(0.0, spec.least_m)) & ~np.isin(reading, spec.sentinels)
-        return distance - spec.mounting_height_m, seen & (least <= distance) & (distance < most)
+        least = np.where((own_least > 0) & (own_least < most), own_least, least)
+        most = np.where((least < own_most) & (own_most < most), own_most, most)
+        seen = (least <= reading) & (reading < most) & ~np.isin(reading, sentinels)
+        return reading * spec.scale - spec.mounting_height_m, seen
 
 
 def _joined(times: Any, spec: LandingSpec) -> Any:
