@@ -26,6 +26,7 @@ class Flight:
         self.detector = LandingDetector()
         self.t_s = 0.0
         self.speed = speed
+        self.climb_m_s: Optional[float] = None  # told, instead of what the range finder sees
         self.autopilot: Optional[VehicleLanded] = None
         self.changes: List[Tuple[float, Landed]] = []
 
@@ -34,7 +35,9 @@ class Flight:
         while self.t_s < begin_s + seconds - 1e-9:
             self.t_s = round(self.t_s + 0.02, 6)
             t_ns, at_s = round(self.t_s * S), self.t_s - begin_s
-            if self.speed:
+            if self.climb_m_s is not None:
+                self.detector.add_vertical_speed(t_ns, self.climb_m_s)
+            elif self.speed:
                 self.detector.add_vertical_speed(t_ns, (height(at_s) - height(at_s - 0.02)) / 0.02)
             if self.autopilot is not None:
                 self.detector.add_autopilot(t_ns, self.autopilot)
@@ -171,6 +174,97 @@ def test_a_judgement_that_the_autopilot_agreed_to_stands_until_it_is_far_from_th
         flight.fly(1.0, level(0.0))
     assert flight.said == [UNKNOWN, GROUND]
     assert flight.fly(2.0, level(2.0)).said == [UNKNOWN, GROUND, AIR]
+
+
+@pytest.fixture
+def standing() -> Flight:
+    """Return a flight that stands on the pad, as range finder and autopilot say."""
+    flight = Flight()
+    flight.autopilot = VehicleLanded.ON_GROUND
+    flight.fly(2.0, level(0.0))
+    assert flight.said == [UNKNOWN, GROUND]
+    return flight
+
+
+def say(flight: Flight, seconds: float, said: Optional[VehicleLanded], climb_m_s: float = 0.0) -> Flight:
+    """Let the autopilot say something while the range finder sees the ground."""
+    flight.autopilot, flight.climb_m_s = said, climb_m_s
+    return flight.fly(seconds, level(0.0))
+
+
+@pytest.mark.parametrize(
+    "said, climb_m_s",
+    [
+        (VehicleLanded.IN_AIR, 0.0),
+        (VehicleLanded.LANDING, 0.0),
+        (VehicleLanded.TAKING_OFF, 3.0),
+        (VehicleLanded.UNKNOWN, -0.21),
+        (VehicleLanded.UNKNOWN, 3.0),
+    ],
+)
+def test_a_range_finder_that_sees_the_ground_all_through_a_flight_is_not_believed(
+    standing: Flight, said: VehicleLanded, climb_m_s: float
+):
+    assert say(standing, 2.0, said, climb_m_s).said == [UNKNOWN, GROUND]
+    say(standing, 60.0, said, climb_m_s)
+    assert standing.said == [UNKNOWN, GROUND, UNKNOWN]
+    assert 4.0 <= standing.changes[-1][0] <= 4.1
+    assert say(standing, 60.0, VehicleLanded.ON_GROUND).said == [UNKNOWN, GROUND, UNKNOWN]
+
+
+def test_a_range_finder_that_is_not_believed_is_named_in_the_check(standing: Flight):
+    say(standing, 3.0, VehicleLanded.IN_AIR)
+    say(standing, 3.0, VehicleLanded.ON_GROUND)
+    reason = "the range finder saw the ground while the vehicle flew"
+    advice = f"{reason}: check it, then lift the vehicle until it sees more than 0.10 m"
+    assert standing.detector.evaluate(8 * S).reason == reason
+    assert standing.detector.checks(8 * S) == (
+        Check("range age", Verdict.PASS, 0.0, 0.5, "s", 0.0),
+        Check("distance to ground", Verdict.UNKNOWN, 0.0, 0.1, "m", 0.0, advice),
+    )
+
+
+def test_a_range_finder_is_believed_again_once_it_has_seen_that_the_ground_is_farther_away(standing: Flight):
+    say(standing, 3.0, VehicleLanded.IN_AIR)
+    standing.fly(0.5, level(0.15))
+    say(standing, 1.9, VehicleLanded.ON_GROUND)
+    assert standing.said == [UNKNOWN, GROUND, UNKNOWN]
+    assert say(standing, 0.4, VehicleLanded.ON_GROUND).said == [UNKNOWN, GROUND, UNKNOWN, GROUND]
+
+
+def test_a_low_hover_that_the_range_finder_sees_is_no_doubt(standing: Flight):
+    standing.autopilot = VehicleLanded.IN_AIR
+    assert standing.fly(3.0, level(0.2)).said == [UNKNOWN, GROUND, UNKNOWN]
+    assert say(standing, 2.5, VehicleLanded.ON_GROUND).said == [UNKNOWN, GROUND, UNKNOWN, GROUND]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [(2.0, VehicleLanded.IN_AIR, 0.0)],
+        [(1.9, VehicleLanded.IN_AIR, 0.0), (0.1, VehicleLanded.ON_GROUND, 0.0), (1.9, VehicleLanded.IN_AIR, 0.0)],
+        [(60.0, VehicleLanded.TAKING_OFF, 0.2)],
+        [(1.9, VehicleLanded.TAKING_OFF, 0.5), (0.1, VehicleLanded.TAKING_OFF, 0.0), (1.9, VehicleLanded.IN_AIR, 0.0)],
+        [(60.0, VehicleLanded.ON_GROUND, 2.0), (60.0, VehicleLanded.ON_GROUND, -2.0)],
+        [(60.0, None, 0.0)],
+    ],
+    ids=["spool-up", "flapping", "long spool-up", "shaken at spool-up", "on a lift or a ship", "autopilot silent"],
+)
+def test_a_vehicle_that_stands_is_on_the_ground_whatever_is_said_for_a_moment(
+    standing: Flight, words: List[Tuple[float, Optional[VehicleLanded], float]]
+):
+    for seconds, said, climb_m_s in words:
+        say(standing, seconds, said, climb_m_s)
+    assert standing.said == [UNKNOWN, GROUND]
+
+
+@pytest.mark.parametrize("late", [VehicleLanded.IN_AIR, VehicleLanded.LANDING])
+def test_it_has_landed_however_late_the_autopilot_says_so(hovering: Flight, late: VehicleLanded):
+    hovering.autopilot = late
+    hovering.fly(2.0, ramp(2.0, 0.0, 2.0)).fly(60.0, level(0.0))
+    assert hovering.said == [UNKNOWN, GROUND, AIR]
+    hovering.autopilot = VehicleLanded.ON_GROUND
+    assert hovering.fly(2.2, level(0.0)).said == [UNKNOWN, GROUND, AIR, GROUND]
 
 
 def test_a_vehicle_that_is_lost_from_sight_while_it_takes_off_needs_the_long_dwell():

@@ -11,8 +11,10 @@ Near is below `ground_distance_m`, far above `airborne_distance_m`; in between t
 but near begins the dwell anew. A vehicle that was airborne stays so through UNKNOWN: it needs the long dwell. So a
 bounce, a low pass over the pad or a hand under the sensor is no landing. Before ON_GROUND, an autopilot that says that
 it flies is enough to have been airborne: the node may have been started low in the air. An ON_GROUND that it never
-agreed to is taken back then. The judgement moves when a range arrives, at most once per `STEP_NS`, and does not depend
-on how often somebody asks.
+agreed to is taken back then, at once; one that it agreed to, when autopilot or vertical speed speak against it for
+landed_dwell_ns. A range finder that saw the ground meanwhile may be stuck: it is not believed until it has seen that
+the ground is farther away. The judgement moves when a range arrives, at most once per `STEP_NS`, and does not depend on
+how often somebody asks.
 """
 
 from __future__ import annotations
@@ -147,7 +149,9 @@ class GroundDistance:
 _S = 1_000_000_000
 STEP_NS = _S // 20
 _FAR_PAST_NS = -(2**62)
-_FLYING = frozenset((VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING))
+_OFF_THE_GROUND = frozenset((VehicleLanded.IN_AIR, VehicleLanded.LANDING))
+_FLYING = _OFF_THE_GROUND | {VehicleLanded.TAKING_OFF}  # it says TAKING_OFF before it lifts off
+_STUCK = "the range finder saw the ground while the vehicle flew"
 
 
 class LandingVerdict(NamedTuple):
@@ -177,6 +181,8 @@ class LandingDetector:
         self._landed, self._reason = Landed.UNKNOWN, ""
         self._was_airborne = False
         self._agreed = False
+        self._believed = True
+        self._against_since_ns: Optional[int] = None
         self._distance_m: Optional[float] = None
         self._near_since_ns: Optional[int] = None
         self._far_since_ns: Optional[int] = None
@@ -274,6 +280,9 @@ class LandingDetector:
         elif verdict.distance_m > limit_m:
             outcome, height = Verdict.FAIL, f"{verdict.distance_m:.2f} m above the ground, limit {limit_m:.2f} m"
             advice = f"the feet are {height}: place the vehicle on the ground"
+        elif not self._believed:
+            outcome, height = Verdict.UNKNOWN, f"{limit_m:.2f} m"
+            advice = f"{verdict.reason}: check it, then lift the vehicle until it sees more than {height}"
         elif verdict.landed is not Landed.ON_GROUND:
             outcome, advice, comes = Verdict.UNKNOWN, f"{verdict.reason}, wait", True
         return Check("distance to ground", outcome, verdict.distance_m, limit_m, "m", age_s, advice, heals=comes)
@@ -286,7 +295,7 @@ class LandingDetector:
 
     def _lose(self, reason: str) -> None:
         self._landed, self._reason, self._distance_m = Landed.UNKNOWN, reason, None
-        self._near_since_ns = self._far_since_ns = None
+        self._near_since_ns = self._far_since_ns = self._against_since_ns = None
 
     def _judge(self, t_ns: int) -> None:
         """Move the judgement by the present distance."""
@@ -299,7 +308,8 @@ class LandingDetector:
             return
         self._hear_autopilot(t_ns)
         near, far = distance_m <= spec.ground_distance_m, distance_m > spec.airborne_distance_m
-        near = near and (not self._was_airborne or self._at_rest(t_ns))
+        self._doubt(t_ns, near=near)
+        near = near and self._believed and (not self._was_airborne or self._at_rest(t_ns))
         self._near_since_ns = (t_ns if self._near_since_ns is None else self._near_since_ns) if near else None
         self._far_since_ns = (t_ns if self._far_since_ns is None else self._far_since_ns) if far else None
         if self._far_since_ns is not None and t_ns - self._far_since_ns >= spec.settle_ns:
@@ -318,6 +328,20 @@ class LandingDetector:
             if self._landed is Landed.ON_GROUND:
                 self._landed = Landed.UNKNOWN
 
+    def _doubt(self, t_ns: int, *, near: bool) -> None:
+        """Take back an ON_GROUND that is spoken against for long.
+
+        Neither a platform that moves does that, nor an autopilot that says for a moment at spool-up that it flies.
+        """
+        said = self._said(t_ns)
+        flies = said in _OFF_THE_GROUND or (said is not VehicleLanded.ON_GROUND and self._fast(t_ns))
+        against = flies and self._landed is Landed.ON_GROUND
+        since_ns = (t_ns if self._against_since_ns is None else self._against_since_ns) if against else None
+        self._against_since_ns = since_ns
+        if since_ns is not None and t_ns - since_ns >= self.spec.landed_dwell_ns:
+            self._landed, self._was_airborne, self._believed = Landed.UNKNOWN, True, False
+        self._believed = self._believed or not near
+
     def _said(self, t_ns: int) -> VehicleLanded:
         """Return what the autopilot says; UNKNOWN when that is old."""
         said_ns, landed = self._autopilot
@@ -325,15 +349,19 @@ class LandingDetector:
 
     def _at_rest(self, t_ns: int) -> bool:
         """Return False when vertical speed or autopilot, as far as they are known, speak against a landing."""
+        return not self._fast(t_ns) and self._said(t_ns) not in _FLYING
+
+    def _fast(self, t_ns: int) -> bool:
+        """Return True when the vehicle is known to climb or sink."""
         speed_ns, speed_m_s = self._speed
         fresh = abs(t_ns - speed_ns) <= self.spec.age_limit_ns
-        if fresh and abs(speed_m_s) > self.spec.max_vertical_speed_m_s:
-            return False
-        return self._said(t_ns) not in _FLYING
+        return fresh and abs(speed_m_s) > self.spec.max_vertical_speed_m_s
 
     def _words(self, *, near: bool) -> str:
         if self._landed is Landed.ON_GROUND:
             return "on the ground"
+        if not self._believed:
+            return _STUCK
         if near:
             dwell_ns = self.spec.landed_dwell_ns if self._was_airborne else self.spec.settle_ns
             return f"near the ground, not yet for {seconds(dwell_ns)}"

@@ -121,7 +121,7 @@ def _crossings(monitor: RateMonitor, times: Any) -> Tuple[Any, ...]:
 
 
 class LandingColumns:
-    """What the readings of a track mean for a detector that knows no tilt.
+    """What the readings of a track mean for a detector that knows no tilt, and nothing of an autopilot.
 
     Args:
         detector: that takes them.
