@@ -410,6 +410,51 @@ def test_the_check_is_unknown_without_a_range():
     )
 
 
+LENS = "check the range finder, its lens and its topic /lrf/range"
+
+
+def blind(reading: float, least: float, most: float, *, before: Optional[float] = None) -> LandingDetector:
+    """Return a detector that was told a reading for 2 s; before that another one."""
+    detector = LandingDetector()
+    for index in range(150):
+        told = before if before is not None and index < 50 else reading
+        detector.add_range(index * S // 50, told, least, most)
+    return detector
+
+
+@pytest.mark.parametrize(
+    "reading, least, most, advice",
+    [
+        (0.1, 0.2, 40.0, "0.1 m is below the sensor's least range of 0.2 m: mount it higher"),
+        (0.019, nan, nan, "0.019 m is below min_range_m of 0.02 m: mount it higher"),
+        (12.0, 0.02, 12.0, f"12 m is not below the sensor's largest range of 12 m: {LENS}"),
+        (40.0, nan, nan, f"40 m is not below max_range_m of 40 m: {LENS}"),
+        (nan, 0.2, 40.0, f"0 good ranges, 3 are needed: {LENS}"),
+        (0.0, 0.2, 40.0, f"0 good ranges, 3 are needed: {LENS}"),
+        (8191.0, 0.2, 40.0, f"0 good ranges, 3 are needed: {LENS}"),
+        (float("inf"), 0.2, 40.0, f"0 good ranges, 3 are needed: {LENS}"),
+    ],
+)
+def test_the_check_says_at_which_limit_a_range_is_nothing_seen(reading: float, least: float, most: float, advice: str):
+    assert blind(reading, least, most).checks(3 * S) == (
+        Check("range age", Verdict.UNKNOWN, None, 0.5, "s", None, advice),
+        Check("distance to ground", Verdict.UNKNOWN, None, 0.1, "m", None, "the distance to the ground is unknown"),
+    )
+
+
+def test_a_vehicle_that_is_put_down_where_its_range_finder_is_blind_is_told_so_and_not_that_it_is_silent():
+    row = blind(0.1, 0.2, 40.0, before=0.5).checks(3 * S)[0]
+    assert row.advice == "0.1 m is below the sensor's least range of 0.2 m: mount it higher"
+    silent = blind(0.1, 0.2, 40.0, before=0.5).checks(4 * S)[0]
+    assert silent.advice == f"nothing seen for longer than 0.5 s: {LENS}"
+
+
+def test_a_range_finder_that_sees_again_is_not_called_blind():
+    detector = blind(0.5, 0.2, 40.0, before=0.1)
+    assert detector.evaluate(3 * S).reason == "in the air"
+    assert detector.evaluate(4 * S).reason == "nothing seen for longer than 0.5 s"
+
+
 def test_the_check_waits_until_the_judgement_has_settled():
     flight = Flight().fly(0.3, level(0.0))
     row = flight.detector.checks(round(0.3 * S))[1]

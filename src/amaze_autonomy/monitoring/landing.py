@@ -20,7 +20,7 @@ how often somebody asks.
 from __future__ import annotations
 
 from collections import deque
-from math import cos, isfinite
+from math import cos, inf, isfinite
 from typing import Deque, Iterable, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.events import Landed, VehicleLanded
@@ -48,10 +48,38 @@ def seen_m(
         min_range: what the message itself says, in the same units; None, NaN or nonsense: the specification's.
         max_range: likewise.
     """
-    least, most, sentinels = spec.limits
+    least, most = _limits(spec, min_range, max_range)
+    return reading * spec.scale if least <= reading < most and reading not in spec.limits.sentinels else None
+
+
+def _limits(spec: LandingSpec, min_range: Optional[float], max_range: Optional[float]) -> Tuple[float, float]:
+    """Return the limits that count, in units of the message."""
+    least, most, _ = spec.limits
     least = least if min_range is None or not 0 < min_range < most else min_range
     most = most if max_range is None or not least < max_range < most else max_range
-    return reading * spec.scale if least <= reading < most and reading not in sentinels else None
+    return least, most
+
+
+class Unseen(NamedTuple):
+    """Why a reading is nothing seen; what to do about it, where that is not the usual."""
+
+    why: str
+    advice: str = ""
+
+
+def unseen(
+    reading: float, spec: LandingSpec, min_range: Optional[float] = None, max_range: Optional[float] = None
+) -> Optional[Unseen]:
+    """Return at which limit a reading is nothing seen; None when it is at none: seen, zero, a sentinel, not finite."""
+    least, most = _limits(spec, min_range, max_range)
+    if reading in spec.limits.sentinels or not 0 < reading < inf or least <= reading < most:
+        return None
+    distance_m, least_m, most_m = (f"{round(told * spec.scale, 3):g} m" for told in (reading, least, most))
+    if reading < least:
+        name = "min_range_m" if least == spec.limits.least else "the sensor's least range"
+        return Unseen(f"{distance_m} is below {name} of {least_m}", "mount it higher")
+    name = "max_range_m" if most == spec.limits.most else "the sensor's largest range"
+    return Unseen(f"{distance_m} is not below {name} of {most_m}")
 
 
 def nearest_return(
@@ -79,6 +107,7 @@ class GroundDistance:
         self._tilt_ns: Optional[int] = None
         self.seen_ns: Optional[int] = None
         self.reading_ns: Optional[int] = None
+        self.unseen: Optional[Unseen] = None
         self.why_unknown = "no range yet"
 
     def add_tilt(self, t_ns: int, tilt_rad: float) -> None:
@@ -86,11 +115,11 @@ class GroundDistance:
         if isfinite(tilt_rad):
             self._tilt_rad, self._tilt_ns = abs(tilt_rad), t_ns
 
-    def add(self, t_ns: int, distance_m: Optional[float]) -> None:
-        """Add a reading in metres along the beam; None: nothing seen."""
+    def add(self, t_ns: int, distance_m: Optional[float], why: Optional[Unseen] = None) -> None:
+        """Add a reading in metres along the beam; None: nothing seen, for a reason that may be known."""
         if self.reading_ns is not None and t_ns < self.reading_ns:
             self.clear()  # time jumped backwards
-        self.reading_ns = t_ns
+        self.reading_ns, self.unseen = t_ns, why
         height_m = None if distance_m is None else self._above_ground_m(t_ns, distance_m)
         if height_m is not None:
             self.seen_ns = t_ns
@@ -106,7 +135,7 @@ class GroundDistance:
         """Add heights above the ground that were seen one after the other, in order of time."""
         window, spec, last_ns = self._window, self._spec, times[-1]
         window.extend(zip(times, heights_m))
-        self.reading_ns = self.seen_ns = last_ns
+        self.reading_ns, self.seen_ns, self.unseen = last_ns, last_ns, None
         oldest_ns = last_ns - spec.window_ns
         while len(window) > spec.min_samples and window[0][0] < oldest_ns:
             window.popleft()
@@ -116,12 +145,15 @@ class GroundDistance:
     def clear(self) -> None:
         """Forget all readings."""
         self._window.clear()
-        self.seen_ns = self.reading_ns = None
+        self.seen_ns = self.reading_ns = self.unseen = None
         self.why_unknown = "no range yet"
 
     def distance_m(self) -> Optional[float]:
         """Return the distance from the feet to the ground, as of the last reading; None: `why_unknown` says why."""
         good = sorted(height for _, height in self._window if height is not None)
+        if not good and self.unseen is not None:
+            self.why_unknown = self.unseen.why
+            return None
         if len(good) < self._spec.min_samples:
             self.why_unknown = f"{len(good)} good ranges, {self._spec.min_samples} are needed"
             return None
@@ -130,6 +162,11 @@ class GroundDistance:
             return None
         middle = len(good) // 2
         return good[middle] if len(good) % 2 else 0.5 * (good[middle - 1] + good[middle])
+
+    def blind(self, t_ns: int) -> Optional[Unseen]:
+        """Return at which limit the last reading is nothing seen; None when it is at none, or old."""
+        fresh = self.reading_ns is not None and abs(t_ns - self.reading_ns) <= self._spec.age_limit_ns
+        return self.unseen if fresh else None
 
     def _above_ground_m(self, t_ns: int, distance_m: float) -> Optional[float]:
         tilt_rad = self._tilt(t_ns)
@@ -200,7 +237,9 @@ class LandingDetector:
             self._begin()
         elif seen_ns is not None and t_ns - seen_ns > self.spec.age_limit_ns:
             self._lose(self._stale)
-        self._ground.add(t_ns, seen_m(reading, self.spec, min_range, max_range))
+        distance_m = seen_m(reading, self.spec, min_range, max_range)
+        why = unseen(reading, self.spec, min_range, max_range) if distance_m is None else None
+        self._ground.add(t_ns, distance_m, why)
         if t_ns - self._judged_ns < STEP_NS:
             return False
         before = self._landed
@@ -255,7 +294,8 @@ class LandingDetector:
             return LandingVerdict(Landed.UNKNOWN, None, self._reason or "no range yet", None, FOREVER_NS)
         age_ns = t_ns - seen_ns
         if abs(age_ns) > limit_ns:
-            self._lose(self._stale)
+            why = self._ground.blind(t_ns)
+            self._lose(self._stale if why is None else why.why)
             return LandingVerdict(Landed.UNKNOWN, None, self._reason, max(0, age_ns), FOREVER_NS)
         return LandingVerdict(self._landed, self._distance_m, self._reason, max(0, age_ns), seen_ns + limit_ns + 1)
 
@@ -268,7 +308,8 @@ class LandingDetector:
         age_s = None if verdict.age_ns is None else verdict.age_ns / _S
         if verdict.distance_m is not None:
             return Check("range age", Verdict.PASS, age_s, limit_s, "s", age_s)
-        advice = f"{verdict.reason}: check the range finder, its lens and its topic {self.spec.topic}"
+        why, usual = self._ground.unseen, f"check the range finder, its lens and its topic {self.spec.topic}"
+        advice = f"{verdict.reason}: {why.advice if why and why.why == verdict.reason and why.advice else usual}"
         return Check("range age", Verdict.UNKNOWN, age_s, limit_s, "s", age_s, advice)
 
     def _ground_row(self, verdict: LandingVerdict) -> Check:

@@ -76,6 +76,7 @@ def test_a_range_finder_that_is_stuck_sees_the_ground_all_the_way_up():
     driver.go_on(5.0)
     assert driver.vehicle.height_m > 1.0
     assert driver.last(LandedStatus).distance_m == pytest.approx(0.0, abs=0.02)
+    assert driver.last(LandedStatus).landed is Landed.UNKNOWN
 
 
 STATES = (
