@@ -383,6 +383,37 @@ def test_the_battery_is_checked_with_the_charge_state():
     ]
 
 
+FLAT = "3.00 V per cell of 4, limit 3.50 V: change or charge the battery"
+SIX_CELLS = "6.25 V per cell cannot be: is it 4 cells, and is the power module calibrated?"
+DEAD = "2.40 V in one cell of 4, limit 3.50 V: change or charge the battery"
+
+
+@pytest.mark.parametrize(
+    "packs, verdict, advice",
+    [
+        ([(16600,), (16400,)], Verdict.PASS, ""),
+        ([(16600,), (12000,)], Verdict.FAIL, f"battery 1: {FLAT}"),
+        ([(12000,), (16600,)], Verdict.FAIL, f"battery 0: {FLAT}"),
+        ([(16600,), (25000,)], Verdict.FAIL, f"battery 1: {SIX_CELLS}"),
+        ([(4150, 4150, 4150, 2400)], Verdict.FAIL, DEAD),
+        ([(4150,) * 4, (4150, 4150, 4150, 2400)], Verdict.FAIL, f"battery 1: {DEAD}"),
+        ([(16600,), ()], Verdict.UNKNOWN, "battery 1: the voltage is unknown: check the power module"),
+    ],
+)
+def test_the_volts_of_each_pack_and_cell_are_judged_though_all_say_that_they_are_full(packs, verdict, advice):
+    """An ArduPilot that was switched on says 100 % of whatever is plugged in: it counts the current alone."""
+    bench = ClientBench().advance(5.0)
+    bench.deaf = ("BATTERY_STATUS",)
+    for number, cells in enumerate(packs):
+        volts = [*cells, *[65535] * (10 - len(cells))]
+        said = mavlink.MAVLink_battery_status_message(number, 0, 0, 0, volts, 100, 0, 0, 100, 0, 1)
+        bench.client.receive(bench.t_ns, said)
+    answer = bench.client.check_battery(bench.t_ns, 0.5)
+    row = answer.checks[2]
+    assert (answer.ok, answer.fraction) == (verdict is Verdict.PASS, 1.0)
+    assert (row.name, row.verdict, row.advice) == ("battery cell voltage", verdict, advice)
+
+
 def test_a_pack_that_is_silent_fails_the_check_of_the_battery_and_is_named():
     bench = ClientBench().advance(5.0)
     other = mavlink.MAVLink_battery_status_message(1, 0, 0, 0, [4000] * 4 + [65535] * 6, 100, 0, 0, 80, 0, 1)

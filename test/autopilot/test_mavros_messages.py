@@ -34,6 +34,7 @@ from amaze_autonomy.autopilot.vehicle.position import Position
 from amaze_autonomy.autopilot.vehicle.vehicle import WANTED
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import Verdict
+from amaze_autonomy.monitoring.battery import PackVolts
 from amaze_autonomy.monitoring.specs import BatterySpec
 from amaze_autonomy.simulation.px4 import Framing
 
@@ -446,6 +447,10 @@ def test_a_battery_keeps_what_is_unknown():
     assert (full.voltages[:2], full.current_battery, full.battery_remaining) == ([15800, 65535], 250, 84)
     empty = convert("battery", location="id0", voltage=nan, cell_voltage=[], current=nan, percentage=nan)
     assert (empty.voltages[:2], empty.current_battery, empty.battery_remaining) == ([65535, 65535], -1, -1)
+    cells_v = [4.0, 0.0, nan, *[4.0] * 9]
+    large = convert("battery", location="", voltage=nan, cell_voltage=cells_v, current=nan, percentage=nan)
+    assert large.voltages == [4000, 0, 65535, *[4000] * 7], "a cell of 0 V is dead"
+    assert large.voltages_ext == [4000, 4000, 0, 0]
 
 
 def test_position_and_velocity_come_together_north_east_down():
@@ -589,6 +594,10 @@ def test_two_batteries_on_one_topic_are_told_apart_and_the_worst_counts():
         battery.add_pack(number, said)
         if number:
             assert battery.reading().fraction == 0.3
+    told = {"voltage": 14.85, "cell_voltage": [4.15, 4.15, 4.15, 2.4], "current": -1.0, "percentage": 0.9}
+    battery.add_pack(6, convert("battery", location="id0", **told))
+    one, other = PackVolts(14.85, (4.15, 4.15, 4.15, 2.4), "battery 0"), PackVolts(15.0, (), "battery 1")
+    assert battery.volts() == (one, other)
     unnamed = convert("battery", location="", voltage=15.0, cell_voltage=[], current=-1.0, percentage=0.9)
     assert unnamed.id == 0
 

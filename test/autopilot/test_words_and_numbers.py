@@ -26,6 +26,7 @@ from amaze_autonomy.autopilot.vehicle.vehicle import (
     gps_health,
 )
 from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.monitoring.battery import PackVolts
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 S = 1_000_000_000
@@ -95,7 +96,9 @@ def pack(percent, cells=(4000,), state=1, number=0, current=100):
     "message, reading",
     [
         (pack(84, (15800,)), BatteryReading(0, 0.84, 15.8, 3.95, 1.0, 1)),
-        (pack(84, (4000, 3900, 4100)), BatteryReading(0, 0.84, 12.0, 3.9, 1.0, 1)),
+        (pack(84, (4000, 3900, 4100)), BatteryReading(0, 0.84, 12.0, 3.9, 1.0, 1, (4.0, 3.9, 4.1))),
+        (pack(84, (4000, 4000, 0, 4000)), BatteryReading(0, 0.84, 12.0, 0.0, 1.0, 1, (4.0, 4.0, 0.0, 4.0))),
+        (pack(84, (4000,) * 4 + (0,) * 6), BatteryReading(0, 0.84, 16.0, 4.0, 1.0, 1, (4.0,) * 4)),
         (pack(-1, ()), BatteryReading(0, None, None, None, 1.0, 1)),
         (pack(101, ()), BatteryReading(0, None, None, None, 1.0, 1)),
         (pack(-53, (), current=-100), BatteryReading(0, None, None, None, None, 1)),
@@ -117,6 +120,28 @@ def test_of_two_packs_the_worse_counts_and_an_unknown_one_most():
     assert battery.reading().fraction == 0.3
     battery.add_pack(0, pack(-1, number=2))
     assert battery.reading().fraction is None
+
+
+def test_of_two_packs_the_volts_of_each_are_told_and_the_lowest_cell_is_that_of_both():
+    battery = Battery(CAPS, cells=4)
+    battery.add_pack(0, pack(80, (16000,)))
+    assert battery.volts() == (PackVolts(16.0),)
+    battery.add_pack(0, pack(100, (4000, 3000, 4000, 4000), number=1))
+    battery.add_pack(0, pack(-1, (5000,), number=4, current=-1))  # a rail of the avionics
+    cells_v = (4.0, 3.0, 4.0, 4.0)
+    assert battery.volts() == (PackVolts(16.0, (), "battery 0"), PackVolts(15.0, cells_v, "battery 1"))
+    assert battery.reading() == BatteryReading(0, 0.8, 16.0, 3.0, 1.0, 1)
+
+
+def test_sys_status_has_the_volts_of_the_only_pack_and_not_of_one_of_two():
+    battery = Battery(CAPS, cells=4)
+    assert battery.volts() == ()
+    battery.add_system(0, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15200, -1, 70, 0, 0, 0, 0, 0, 0))
+    assert battery.volts() == (PackVolts(15.2),)
+    battery.add_pack(0, pack(80, ()))
+    assert battery.volts() == (PackVolts(15.2),)
+    battery.add_pack(0, pack(80, (16000,), number=1))
+    assert battery.volts() == (PackVolts(None, (), "battery 0"), PackVolts(16.0, (), "battery 1"))
 
 
 def test_a_monitor_of_volts_alone_is_no_pack_while_another_one_tells_its_level():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import inf, nan
-from typing import Optional
+from typing import Optional, Tuple
 
 import pytest
 from hypothesis import given
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from monitoring_feed import S, rounded
 
 from amaze_autonomy.engine.events import Check, Verdict
-from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict
+from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict, PackVolts
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 
@@ -101,6 +101,39 @@ def test_the_voltage_of_a_cell_must_be_one_that_it_can_fly_with(voltage_v: Optio
     answer = battery(0.8, voltage_v).check(11 * S, 0.5)
     assert answer.checks[2].verdict is verdict
     assert answer.ok is (verdict is Verdict.PASS)
+
+
+FLAT, SIX_CELLS = "3.00 V per cell of 4, limit 3.50 V: change or charge the battery", "6.25 V per cell cannot be"
+ONE, OTHER = PackVolts(16.6, name="battery 0"), PackVolts(16.4, name="battery 1")
+
+
+@pytest.mark.parametrize(
+    "packs,verdict,value,words",
+    [
+        ((ONE, OTHER), Verdict.PASS, 4.1, ""),
+        ((PackVolts(12.0),), Verdict.FAIL, 3.0, FLAT),
+        ((ONE, OTHER._replace(voltage_v=12.0)), Verdict.FAIL, 3.0, f"battery 1: {FLAT}"),
+        ((ONE._replace(voltage_v=12.0), OTHER), Verdict.FAIL, 3.0, f"battery 0: {FLAT}"),
+        ((ONE, OTHER._replace(voltage_v=25.0)), Verdict.FAIL, 6.25, f"battery 1: {SIX_CELLS}"),
+        ((ONE, OTHER._replace(voltage_v=None)), Verdict.UNKNOWN, None, "battery 1: the voltage is unknown"),
+        ((ONE._replace(voltage_v=12.0), OTHER._replace(voltage_v=nan)), Verdict.FAIL, 3.0, f"battery 0: {FLAT}"),
+        ((PackVolts(16.6, (4.15,) * 4),), Verdict.PASS, 4.15, ""),
+        ((PackVolts(14.85, (4.15, 4.15, 4.15, 2.4)),), Verdict.FAIL, 2.4, "2.40 V in one cell of 4, limit 3.50 V"),
+        ((PackVolts(12.45, (4.15, 4.15, 4.15, 0.0)),), Verdict.FAIL, 0.0, "0.00 V in one cell of 4"),
+        ((PackVolts(16.0, (3.8, 3.8, 3.8, 4.6)),), Verdict.FAIL, 4.6, "4.60 V in one cell cannot be"),
+        ((PackVolts(24.6, (4.1,) * 6),), Verdict.FAIL, 6.15, "6.15 V per cell cannot be: is it 4 cells"),
+    ],
+)
+def test_the_lowest_and_the_highest_cell_of_each_pack_must_be_ones_that_it_can_fly_with(
+    packs: Tuple[PackVolts, ...], verdict: Verdict, value: Optional[float], words: str
+):
+    monitor = BatteryMonitor(BatterySpec(cells=4))
+    monitor.add(10 * S, 1.0, 16.6, packs)
+    answer = monitor.check(11 * S, 0.5)
+    row = answer.checks[2]
+    assert (row.verdict, row.value) == (verdict, None if value is None else pytest.approx(value))
+    assert row.advice.startswith(words)
+    assert (answer.ok, answer.voltage_v) == (verdict is Verdict.PASS, 16.6)
 
 
 def test_without_a_number_of_cells_nobody_looks_at_the_voltage():

@@ -251,7 +251,7 @@ class BatterySpec(Checked):
     Args:
         age_limit_ns: how old the last level may be.
         minimum_fraction: below this no mission starts, whatever it needs.
-        cells: in series; 0: voltages are not looked at.
+        cells: in series, of each pack; 0: voltages are not looked at.
         cell_voltage_min_v: lowest resting voltage per cell, whatever the level says.
         cell_voltage_max_v: highest voltage per cell that is believed.
     """

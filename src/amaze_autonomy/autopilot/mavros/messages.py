@@ -31,6 +31,7 @@ _FRAMING_OK = 1
 _UNKNOWN_MV, _UNKNOWN = 65535, -1
 _DEG7 = 1e7
 _BATTERIES = 256  # that 8 bits tell apart
+_FIRST_CELLS, _CELLS = 10, 14  # of a BATTERY_STATUS: in `voltages`, and with `voltages_ext`
 _CHANNELS = 18
 
 
@@ -121,9 +122,10 @@ def _sys_status(message: Any) -> Message:
 
 def _battery(message: Any) -> Message:
     """Return a BATTERY_STATUS; sensor_msgs/BatteryState has NaN for unknown, and negative currents for discharging."""
-    cells = [_millivolts(volts) for volts in list(message.cell_voltage)[:10]]
+    cells = [_millivolts(volts) for volts in list(message.cell_voltage)[:_CELLS]]
     cells = cells or [_millivolts(message.voltage)]
-    cells += [_UNKNOWN_MV] * (10 - len(cells))
+    cells += [_UNKNOWN_MV] * (_CELLS - len(cells))
+    first, further = cells[:_FIRST_CELLS], [0 if mv == _UNKNOWN_MV else mv for mv in cells[_FIRST_CELLS:]]
     percent = round(100 * message.percentage) if isfinite(message.percentage) else _UNKNOWN
     current = round(-100 * message.current) if isfinite(message.current) else _UNKNOWN
     return mavlink.MAVLink_battery_status_message(
@@ -131,11 +133,12 @@ def _battery(message: Any) -> Message:
         0,
         0,
         32767,
-        cells,
+        first,
         current,
         _UNKNOWN,
         _UNKNOWN,
         percent if 0 <= percent <= 100 else _UNKNOWN,  # noqa: PLR2004
+        voltages_ext=further,
     )
 
 
@@ -146,7 +149,7 @@ def _battery_number(message: Any) -> int:
 
 
 def _millivolts(volts: float) -> int:
-    return round(1000 * volts) if isfinite(volts) and 0 < volts < 65 else _UNKNOWN_MV  # noqa: PLR2004 - of 16 bits
+    return round(1000 * volts) if isfinite(volts) and 0 <= volts < 65 else _UNKNOWN_MV  # noqa: PLR2004 - of 16 bits
 
 
 def _text(message: Any) -> Message:

@@ -328,7 +328,7 @@ class AutopilotClient:
         """Return whether the battery is enough for the next mission."""
         monitor, reading = BatteryMonitor(self._battery), self.vehicle.battery.reading()
         if reading is not None:
-            monitor.add(reading.t_ns, reading.fraction, reading.voltage_v)
+            monitor.add(reading.t_ns, reading.fraction, reading.voltage_v, self.vehicle.battery.volts())
         verdict = monitor.check(t_ns, required_fraction)
         rows = (*verdict.checks, battery_state_row(Preflight(t_ns, self.vehicle, self.settings)))
         return verdict._replace(ok=all(row.passed for row in rows), checks=rows)

@@ -208,7 +208,7 @@ _STATE_ROWS: Tuple[Row, ...] = (
 _BATTERY_ROWS: Tuple[Row, ...] = (
     ("age_limit_ns", _time(60), "how old the last level may be", "unknown is not good"),
     ("minimum_fraction", Number(minimum=0.0, maximum=1.0), "below this no mission starts, whatever it needs", "short missions are tempting"),
-    ("cells", Whole(0, 24), "cells in series; 0: voltages are not looked at", "a wrong battery shows in its voltage"),
+    ("cells", Whole(0, 24), "cells in series, of each pack; 0: voltages are not looked at", "a wrong battery shows in its voltage"),
     ("cell_voltage_min_v", Number(above=0.0, maximum=10.0), "lowest voltage per cell at rest, whatever the level says", "levels are estimates, voltages are measured"),
     ("cell_voltage_max_v", Number(above=0.0, maximum=10.0), "highest voltage per cell that is believed", "a full cell has 4.2 V"),
 )
