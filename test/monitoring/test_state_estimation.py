@@ -162,6 +162,12 @@ def test_estimator_and_imu_that_disagree_are_told_apart():
         ({"position": (0.0, 2000.0, 0.0)}, "distance from origin", "the position is far from the origin"),
         ({"position_variance": (1.0, 0.0, 0.0)}, "position deviation", "the estimator is not sure"),
         ({"orientation_variance": (0.0, nan, 0.0)}, "orientation deviation", "the covariance is not finite"),
+        ({"position_variance": (-0.3, 400.0, 400.0)}, "position deviation", "the covariance is negative"),
+        ({"position_variance": (400.0, 400.0, -1e-9)}, "position deviation", "the covariance is negative"),
+        ({"position_variance": (0.01, -1.0, 0.01)}, "position deviation", "the covariance is negative"),
+        ({"position_variance": (-0.3, 0.01, 0.01)}, "position deviation", "the covariance is negative"),
+        ({"position_variance": (-1.0, 400.0, 400.0)}, "position deviation", "the estimator is not sure"),
+        ({"orientation_variance": (-1e-9, 0.0, 0.0)}, "orientation deviation", "the covariance is negative"),
         ({"velocity": (0.0, 0.4, 0.0)}, "estimated speed", "the estimate moves though the vehicle stands"),
     ],
 )
@@ -176,7 +182,7 @@ def test_of_numbers_that_are_none_not_one_is_allowed():
     assert (row.value, row.limit, row.unit) == (2.0, 0.0, "numbers")
 
 
-@pytest.mark.parametrize("variance", [None, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)])
+@pytest.mark.parametrize("variance", [None, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (-1.0, 0.01, 0.01), (-1.0,) * 3])
 @pytest.mark.parametrize("required", [False, True])
 def test_an_estimate_without_covariance_is_a_warning_unless_it_is_required(variance: Optional[tuple], required: bool):  # noqa: FBT001
     estimate = LEVEL._replace(position_variance=variance)

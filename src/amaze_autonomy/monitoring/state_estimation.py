@@ -132,18 +132,25 @@ def deviation_rows(estimate: Estimate, spec: StateEstimationSpec) -> Tuple[Check
 
 
 def _deviation(name: str, variance: Optional[Vector], limit: float, unit: str, spec: StateEstimationSpec) -> Check:
-    """Judge the largest standard deviation; all zero, and anything negative, is how messages say "unknown"."""
-    if variance is not None and not all(isfinite(value) for value in variance):
-        advice = "the covariance is not finite: the estimator has diverged, restart it"
+    """Judge the largest standard deviation; what messages say in the place of "unknown" excuses none that is too large.
+
+    That is all zeros, or -1 in the first place (sensor_msgs). Nothing else that is negative is a variance.
+    """
+    known = variance or (0.0, 0.0, 0.0)
+    unknown = not any(known) or known[0] == -1
+    finite = all(map(isfinite, known))
+    if not finite or (min(known) < 0 and not unknown):
+        how = "negative" if finite else "not finite"
+        advice = f"the covariance is {how}: the estimator has diverged, restart it"
         return Check(name, Verdict.FAIL, None, limit, unit, None, advice)
-    if variance is None or min(variance) < 0 or max(variance) == 0:
+    deviation = sqrt(max(0.0, *known))
+    if deviation > limit:
+        advice = "the estimator is not sure: let it converge, move the vehicle as it needs, then retry"
+        return Check(name, Verdict.FAIL, deviation, limit, unit, None, advice)
+    if unknown:
         verdict = Verdict.UNKNOWN if spec.require_covariance else Verdict.WARN
         return Check(name, verdict, None, limit, unit, None, "the estimate has no covariance")
-    deviation = sqrt(max(variance))
-    if deviation <= limit:
-        return Check(name, Verdict.PASS, deviation, limit, unit)
-    advice = "the estimator is not sure: let it converge, move the vehicle as it needs, then retry"
-    return Check(name, Verdict.FAIL, deviation, limit, unit, None, advice)
+    return Check(name, Verdict.PASS, deviation, limit, unit)
 
 
 # --- imu rows ---------------------------------------------------------------------------------------------------------
