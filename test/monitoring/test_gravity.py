@@ -14,6 +14,7 @@ from amaze_autonomy.monitoring.gravity import (
     GravityWindow,
     ImuStatistics,
     LastingTilt,
+    Quaternion,
     Vector,
     angle_between,
     describe_tilt,
@@ -23,6 +24,7 @@ from amaze_autonomy.monitoring.gravity import (
     rotation_from_rpy,
     tilt_of,
     tilt_of_rpy,
+    turn_between,
     up_of_quaternion,
 )
 
@@ -164,6 +166,24 @@ def test_what_was_before_a_silence_or_a_jump_backwards_does_not_count():
 @pytest.mark.parametrize("other", [(0.0, 0.0, 0.0), (nan, 0.0, 0.0), (inf, 0.0, 0.0), (1e200, 1e200, 0.0)])
 def test_what_has_no_direction_agrees_with_nothing(other: Vector):
     assert angle_between((0.0, 0.0, 1.0), other) == pi
+
+
+@given(st.floats(0, pi), st.integers(0, 2), st.sampled_from([-1.02, -1.0, 1.0, 0.98]))
+def test_a_turn_is_the_angle_about_any_axis_whatever_the_sign_and_the_length_of_a_quaternion(
+    angle: float, axis: int, length: float
+):
+    level, turned = (0.0, 0.0, 0.0, 1.0), [0.0, 0.0, 0.0, length * cos(angle / 2)]
+    turned[axis] = length * sin(angle / 2)
+    x, y, z, w = turned
+    assert turn_between(level, (x, y, z, w)) == pytest.approx(angle, abs=1e-7)
+    assert turn_between((x, y, z, w), level) == pytest.approx(angle, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    "none", [(0.0, 0.0, 0.0, 0.0), (nan, 0.0, 0.0, 1.0), (0.0, inf, 0.0, 1.0), (0.0, 0.0, 1e200, 1e200)]
+)
+def test_an_orientation_that_is_none_is_turned_as_far_as_can_be(none: Quaternion):
+    assert turn_between((0.0, 0.0, 0.0, 1.0), none) == pi
 
 
 @pytest.mark.parametrize(

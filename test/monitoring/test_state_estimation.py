@@ -344,6 +344,45 @@ def test_in_motion_what_a_flying_vehicle_cannot_show_is_left_out_and_the_rest_is
     assert [row.name for row in nothing] == [estimated[0], *measured], "nothing that needs an estimate"
 
 
+def spinning(rate_rad_s: float, spec: Optional[StateEstimationSpec] = None) -> StateEstimationMonitor:
+    """Return a monitor of a vehicle that stands, while the heading of its estimate turns."""
+    monitor = on_the_pad(spec=spec)
+    for index in range(1, 91):
+        half, sign = rate_rad_s * index / 60, -1.0 if index % 2 else 1.0  # both signs are the same orientation
+        orientation = (0.0, 0.0, sign * sin(half), sign * cos(half))
+        monitor.add_estimate(NOW + index * S // 30, LEVEL._replace(orientation=orientation))
+        monitor.add_imu(NOW + index * S // 30, (0.0, 0.0, G), (0.0, 0.0, 0.0))
+    return monitor
+
+
+@pytest.mark.parametrize("rate_rad_s", [1.0, -1.0, pi, 2 * pi, 0.12])
+def test_an_estimate_whose_heading_turns_though_the_gyroscope_says_that_it_stands_drifts(rate_rad_s: float):
+    rows = failed(spinning(rate_rad_s).check(NOW + 3 * S))
+    assert set(rows) == {"estimate drift"}
+    row = rows["estimate drift"]
+    assert (row.verdict, row.limit, row.unit) == (Verdict.FAIL, pytest.approx(0.2), "rad")
+    what = "the estimated orientation turns though the vehicle stands still"
+    assert row.advice == f"{what}: let the estimator converge, or restart it"
+    assert row.value == pytest.approx(min(2.0 * abs(rate_rad_s), pi), abs=0.06 * abs(rate_rad_s))
+
+
+def test_an_estimate_that_turns_no_faster_than_the_gyroscope_may_stands_still():
+    assert spinning(0.09).check(NOW + 3 * S).valid
+    assert spinning(1.0, StateEstimationSpec(still_turn_rate_rad_s=1.1)).check(NOW + 3 * S).valid
+
+
+def test_an_orientation_that_was_none_in_the_track_is_no_small_turn():
+    monitor = on_the_pad()
+    monitor.add_estimate(NOW + S // 10, LEVEL._replace(orientation=(0.0, nan, 0.0, 1.0)))
+    monitor.add_estimate(NOW + S // 5, LEVEL)
+    assert failed(monitor.check(NOW + S // 5))["estimate drift"].unit == "rad"
+
+
+def test_an_estimate_without_an_orientation_is_not_said_to_turn():
+    rows = failed(on_the_pad(LEVEL._replace(orientation=(0.0, 0.0, 0.0, 0.0))).check(NOW))
+    assert set(rows) == {"quaternion norm", "estimated tilt", "tilt agreement"}
+
+
 def test_a_nan_that_was_in_the_track_is_no_small_drift():
     monitor = on_the_pad()
     monitor.add_estimate(NOW + S // 10, LEVEL._replace(position=(1.0, nan, 0.0)))

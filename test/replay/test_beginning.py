@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from math import cos, sin
 from pathlib import Path
 
 import numpy as np
@@ -172,6 +173,8 @@ def test_a_scripted_estimate_is_where_the_recorded_one_is_first(tmp_path):
         at = START_NS + 4 * S // 10 + step * S // 30
         pose = odometry(at)
         pose.pose.pose.position.x, pose.pose.pose.position.y = 4.0, -3.0
+        turn = pose.pose.pose.orientation
+        turn.z, turn.w = sin(1.0), cos(1.0)
         rows.append((at, "/odometry", pose))
     text = (Path(__file__).parent / "flight.yaml").read_text()
     text = text.replace("readings:\n", "readings:\n  estimate: {topic: /odometry}\n")

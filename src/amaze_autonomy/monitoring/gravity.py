@@ -14,6 +14,7 @@ from typing import Deque, List, NamedTuple, Optional, Sequence, Tuple
 
 Vector = Tuple[float, float, float]
 Matrix = Tuple[Vector, Vector, Vector]
+Quaternion = Tuple[float, float, float, float]  # x, y, z, w
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 BUCKET_NS = 1_000_000_000 // 20
@@ -117,6 +118,15 @@ def angle_between(first: Vector, second: Vector) -> float:
         return pi
     cosine = sum(a * b for a, b in zip(first, second)) / lengths
     return acos(max(-1.0, min(1.0, cosine)))
+
+
+def turn_between(first: Quaternion, second: Quaternion) -> float:
+    """Return the angle by which one orientation is turned against another, 0..pi rad; pi when one of them is none."""
+    lengths = sqrt(sum(part * part for part in first)) * sqrt(sum(part * part for part in second))
+    if not 0 < lengths < inf:
+        return pi
+    cosine = sum(a * b for a, b in zip(first, second)) / lengths
+    return 2 * acos(min(1.0, abs(cosine)))  # a quaternion and its negative are the same orientation
 
 
 def describe_tilt(up: Vector) -> str:

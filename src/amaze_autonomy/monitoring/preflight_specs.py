@@ -199,7 +199,7 @@ class StateEstimationSpec(Checked):
         quaternion_tolerance: how far the norm of the quaternion may be from 1.
         still_ns: how long the vehicle must have been still.
         still_acceleration_m_s2: largest standard deviation of the acceleration of a vehicle that stands still.
-        still_turn_rate_rad_s: largest mean turn rate of a vehicle that stands still.
+        still_turn_rate_rad_s: largest mean turn rate of one that stands still, by the gyroscope and by the estimate.
         still_drift_m: furthest that the estimated position may move meanwhile.
         speed_limit_m_s: largest estimated speed of a vehicle that stands on the ground.
     """

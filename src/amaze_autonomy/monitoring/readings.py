@@ -5,14 +5,13 @@ A message is any object with the fields of its ROS type, as rospy and rosbags ma
 
 from __future__ import annotations
 
-from typing import Any, Callable, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Mapping, NamedTuple, Optional
 
-from .gravity import Vector
+from .gravity import Quaternion, Vector
 from .landing import nearest_return
 from .specs import EstimateSource, LandingSpec, RangeSource
 from .state_estimation import Estimate
 
-Quaternion = Tuple[float, float, float, float]
 _NORM_TOLERANCE = 0.1
 
 

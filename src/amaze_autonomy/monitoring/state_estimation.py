@@ -12,6 +12,7 @@ from .gravity import (
     BUCKET_NS,
     GravityWindow,
     ImuStatistics,
+    Quaternion,
     Vector,
     angle_between,
     describe_tilt,
@@ -20,6 +21,7 @@ from .gravity import (
     rotate,
     rotation_from_rpy,
     tilt_of,
+    turn_between,
     up_of_quaternion,
 )
 from .rate import RateMonitor
@@ -44,7 +46,7 @@ class Estimate(NamedTuple):
     """
 
     position: Vector
-    orientation: Tuple[float, float, float, float]
+    orientation: Quaternion
     position_variance: Optional[Vector] = None
     orientation_variance: Optional[Vector] = None
     velocity: Optional[Vector] = None
@@ -273,7 +275,7 @@ class StateEstimationMonitor:
         self._estimate: Optional[Estimate] = None
         self._estimate_ns = 0
         self._arrived_ns = 0
-        self._track: Deque[Tuple[int, Vector]] = deque()
+        self._track: Deque[Tuple[int, Vector, Quaternion]] = deque()
         self.forget_estimates()
 
     def add_imu(self, t_ns: int, acceleration: Vector, turn_rate: Optional[Vector] = None) -> None:
@@ -290,7 +292,7 @@ class StateEstimationMonitor:
         """Add an estimate, but do not count it."""
         self._estimate, self._arrived_ns = estimate, t_ns
         self._estimate_ns = t_ns if stamp_ns is None else stamp_ns
-        self.trace(t_ns, lambda: estimate.position)
+        self.trace(t_ns, lambda: (estimate.position, estimate.orientation))
 
     def forget_estimates(self) -> None:
         """Judge by what comes from here on alone: the estimator has begun anew."""
@@ -298,8 +300,8 @@ class StateEstimationMonitor:
         self._estimate = None
         self._track.clear()
 
-    def trace(self, t_ns: int, position: Callable[[], Vector]) -> None:
-        """Remember a position, unless there is one of about the same time; `position` is asked only when needed.
+    def trace(self, t_ns: int, pose: Callable[[], Tuple[Vector, Quaternion]]) -> None:
+        """Remember a pose, unless there is one of about the same time; `pose` is asked only when needed.
 
         What came before a gap does not tell what was in it: the track begins anew.
         """
@@ -307,7 +309,7 @@ class StateEstimationMonitor:
         if track and not 0 <= t_ns - track[-1][0] <= longest_ns:
             track.clear()
         if not track or t_ns - track[-1][0] >= BUCKET_NS:
-            track.append((t_ns, position()))
+            track.append((t_ns, *pose()))
             while len(track) > 1 and track[1][0] <= t_ns - self.spec.still_ns:
                 track.popleft()  # the first one kept is at least as old as the time to be observed
 
@@ -415,22 +417,25 @@ class StateEstimationMonitor:
         return Check("estimate rate", verdict, value, limit, condition.unit, None, condition.reason, other_limit=other)
 
     def _drift_row(self, t_ns: int) -> Check:
-        """Judge how far the estimated position moved while the vehicle should stand still."""
+        """Judge how far the estimate moved, and turned, while the vehicle should stand still."""
         spec, name = self.spec, "estimate drift"
-        recent = [position for at, position in self._track if at >= t_ns - spec.still_ns - BUCKET_NS]
+        since_ns = t_ns - spec.still_ns - BUCKET_NS
+        recent = [(position, orientation) for at, position, orientation in self._track if at >= since_ns]
         observed_ns = self._arrived_ns - self._track[0][0]
         if observed_ns < spec.still_ns or not recent:
             advice = f"not observed for {seconds(spec.still_ns)} yet, wait"
             return Check(name, Verdict.UNKNOWN, None, spec.still_drift_m, "m", None, advice, heals=True)
-        axes = list(zip(*recent))
+        axes = list(zip(*(position for position, _ in recent)))
         drift_m = norm((max(axes[0]) - min(axes[0]), max(axes[1]) - min(axes[1]), max(axes[2]) - min(axes[2])))
         finite = all(all(map(isfinite, axis)) for axis in axes)
-        if finite and drift_m <= spec.still_drift_m:
-            return Check(name, Verdict.PASS, drift_m, spec.still_drift_m, "m")
-        advice = (
-            "the estimated position drifts though the vehicle stands still: let the estimator converge, or restart it"
-        )
-        return Check(name, Verdict.FAIL, drift_m, spec.still_drift_m, "m", None, advice)
+        advice = "the estimated {} though the vehicle stands still: let the estimator converge, or restart it"
+        if not finite or drift_m > spec.still_drift_m:
+            return Check(name, Verdict.FAIL, drift_m, spec.still_drift_m, "m", None, advice.format("position drifts"))
+        turned_rad = max(turn_between(recent[0][1], orientation) for _, orientation in recent)
+        limit_rad = spec.still_turn_rate_rad_s * spec.still_ns / _S  # as much as the gyroscope may say
+        if turned_rad > limit_rad and self._estimated_up() is not None:  # without an orientation other rows fail
+            return Check(name, Verdict.FAIL, turned_rad, limit_rad, "rad", None, advice.format("orientation turns"))
+        return Check(name, Verdict.PASS, drift_m, spec.still_drift_m, "m")
 
     def _rate_spec(self) -> TopicSpec:
         spec = self.spec

@@ -44,6 +44,7 @@ def tracks_of(told, random):
     for count, tilt_deg, factor, silence_ns, noise in told:
         now += silence_ns
         believed = radians(tilt_deg if random.random() < 0.7 else random.uniform(0.0, 12.0))
+        spread_m = random.choice([0.0, 1.0])  # where the position stands, its turn decides of the drift
         for _ in range(count):
             now += S // 100
             tilt = radians(tilt_deg)
@@ -53,7 +54,7 @@ def tracks_of(told, random):
             imu.append((now, (*force, *turns, covariance)))
             if len(imu) % 3 == 0:
                 stamp_ns = random.choice([0, now, now - S // 10, now - S])
-                pose = (1.0, 2.0, random.random(), 0.0, -sin(believed / 2), 0.0, cos(believed / 2))
+                pose = (1.0, 2.0, spread_m * random.random(), 0.0, -sin(believed / 2), 0.0, cos(believed / 2))
                 rest = [random.choice([0.0, 1e-4])] * 6 + [0.0, 0.1, 0.0]
                 estimates.append((now + 7, (*divmod(stamp_ns, S), *pose, *rest)))
     return imu, estimates

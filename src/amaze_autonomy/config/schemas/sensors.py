@@ -201,7 +201,7 @@ _STATE_ROWS: Tuple[Row, ...] = (
     ("quaternion_tolerance", _SMALL, "how far the norm of the quaternion may be from 1", "not normalised: not an orientation"),
     ("still_ns", _time(60), "how long the vehicle must have been still", "somebody may carry it"),
     ("still_acceleration_m_s2", Number(above=0.0, maximum=10.0), "largest standard deviation of the acceleration at rest", "noise, propellers standing"),
-    ("still_turn_rate_rad_s", Number(above=0.0, maximum=10.0), "largest mean turn rate at rest", "bias of the gyroscope"),
+    ("still_turn_rate_rad_s", Number(above=0.0, maximum=10.0), "largest mean turn rate at rest, of the gyroscope and of the estimate", "bias of the gyroscope"),
     ("still_drift_m", Number(above=0.0, maximum=10.0), "furthest that the estimated position may move meanwhile", "a drifting estimate flies away"),
     ("speed_limit_m_s", Number(above=0.0, maximum=10.0), "largest estimated speed on the ground", ""),
 )

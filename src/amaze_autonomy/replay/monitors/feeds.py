@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from functools import partial
-from math import isfinite, nan
+from math import inf, isfinite, nan, sqrt
 from typing import Any, Callable, Container, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -15,7 +15,14 @@ from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.interface import health_of
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 from amaze_autonomy.monitoring.condition import FOREVER_NS
-from amaze_autonomy.monitoring.gravity import BUCKET_NS, PLAUSIBLE_M2_S4, rotation_from_rpy, tilt_of, up_of_quaternion
+from amaze_autonomy.monitoring.gravity import (
+    BUCKET_NS,
+    PLAUSIBLE_M2_S4,
+    Quaternion,
+    rotation_from_rpy,
+    tilt_of,
+    up_of_quaternion,
+)
 from amaze_autonomy.monitoring.landing import LandingDetector, seen_m
 from amaze_autonomy.monitoring.readings import estimate_reader
 from amaze_autonomy.monitoring.specs import AutopilotSensor, EstimateSource
@@ -451,6 +458,7 @@ class EstimateFeed(Feed):
         self._read = estimate_reader(monitor.spec.source)
         self._rate_columns: Optional[RateColumns] = None
         self._first: Vector = (0.0, 0.0, 0.0)
+        self._heading: Quaternion = (0.0, 0.0, 0.0, 1.0)
         self._below: Callable[[int], float] = lambda _: 0.0
 
     def ride(self, track: Track, rank: int) -> None:
@@ -464,7 +472,7 @@ class EstimateFeed(Feed):
         if self._rate_columns is not None:
             self._rate_columns.take(begin, end)
         for place, t_ns in enumerate(self.track.listed[begin : end - 1], begin):
-            self._monitor.trace(t_ns, partial(self._position, place))
+            self._monitor.trace(t_ns, partial(self._pose, place))
         self._monitor.keep_estimate(self.track.listed[end - 1], *self._estimate(self.track.rows(end - 1, end)[0]))
 
     def changes_ns(self) -> int:
@@ -481,9 +489,9 @@ class EstimateFeed(Feed):
         """Take an estimate as numbers."""
         self._monitor.add_estimate(t_ns, *self._estimate(values))
 
-    def _position(self, place: int) -> Vector:
-        x, y, z = self.track.columns[2:5]
-        return float(x[place]), float(y[place]), float(z[place])
+    def _pose(self, place: int) -> Tuple[Vector, Quaternion]:
+        x, y, z, qx, qy, qz, qw = (float(column[place]) for column in self.track.columns[2:9])
+        return (x, y, z), (qx, qy, qz, qw)
 
     @staticmethod
     def _estimate(values: Tuple[Any, ...]) -> Tuple[Estimate, Optional[int]]:
@@ -502,14 +510,23 @@ class EstimateFeed(Feed):
     def play(self, t_ns: int) -> None:
         """Take what a good estimator says of a vehicle that stands level and still."""
         x, y, z = self._first
-        good = Estimate((x, y, z - self._below(t_ns)), (0.0, 0.0, 0.0, 1.0), _SURE, _SURE, (0.0, 0.0, 0.0))
+        good = Estimate((x, y, z - self._below(t_ns)), self._heading, _SURE, _SURE, (0.0, 0.0, 0.0))
         self._monitor.add_estimate(t_ns, good)
 
     def join(self, message: Any, rise: Rise) -> None:
-        """Play the estimate where the recorded one is first; at the origin it would seem to drift from there."""
-        x, y, z = self._read(message).position
+        """Play the estimate where the recorded one is first, with its heading; else it would seem to drift there."""
+        first = self._read(message)
+        x, y, z = first.position
+        self._heading = _level(first.orientation, self._heading)
         if all(map(isfinite, (x, y, z))):
             self._first, self._below = (x, y, z), rise.height_m
+
+
+def _level(orientation: Quaternion, unknown: Quaternion) -> Quaternion:
+    """Return the orientation of a level vehicle with the heading of another one; `unknown` where that has none."""
+    _, _, z, w = orientation
+    length = sqrt(z * z + w * w)
+    return (0.0, 0.0, z / length, w / length) if 0 < length < inf else unknown
 
 
 # --- watchdog feeds ---------------------------------------------------------------------------------------------------
