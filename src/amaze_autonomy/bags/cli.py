@@ -284,7 +284,6 @@ def _info(options: argparse.Namespace) -> bool:
 
 def _doctor(options: argparse.Namespace) -> bool:
     """Show what is damaged."""
-    from .info import clock_set_back
     from .recover.scan import scan
 
     lines: List[str] = []
@@ -294,7 +293,11 @@ def _doctor(options: argparse.Namespace) -> bool:
         nonlocal damaged
         with _progress_bar(f"look through {path.name}") as progress:
             found = scan(path, check_data=not options.quick, memory=options.memory, progress=progress)
-        step, start_ns = clock_set_back(found)
+        step, start_ns = None, 0
+        if not options.quick:  # it takes numpy, whose start takes longer than the look at most bags
+            from .info import clock_set_back
+
+            step, start_ns = clock_set_back(found)
         lines.extend(_scan_lines(found, [] if step is None else [step.words(start_ns)]))
         damaged = damaged or bool(found.damages) or not found.closed or step is not None
         return {**_scan_result(found), "clock_set_back_s": None if step is None else step.by_ns / SECOND}
