@@ -69,7 +69,9 @@ _LAST_COMMANDS: Mapping[Step, Tuple[A, ...]] = {
 _SESSION = (State.PREFLIGHT, State.READY, State.START_RECORDING, State.LOAD_MISSION, State.OUTREACH)
 _ASKED = (State.PREFLIGHT, State.READY, State.START_RECORDING, State.LOAD_MISSION)
 _RECORDED = (State.LOAD_MISSION, State.TAKEOFF, State.MISSION, State.HOLD)
-_PARTS = tuple(name for name, value in vars(EngineState()).items() if name != "shown" and is_dataclass(value))
+_PARTS = tuple(
+    name for name, value in vars(EngineState()).items() if name not in ("said", "shown") and is_dataclass(value)
+)
 _ASKED_OF_PEERS = ("flight.motion", "preflight.load", "recording.request")
 FIELDS_OF_A_STATE: Tuple[str, ...] = tuple(
     path
