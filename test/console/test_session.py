@@ -23,7 +23,6 @@ from amaze_autonomy.console.link import (
 from amaze_autonomy.console.model import Collecting, Desk, Note, Verdict
 from amaze_autonomy.console.session import Session
 from amaze_autonomy.console.terminal import Wake
-from amaze_autonomy.engine.commands import MESSAGES
 
 
 class ListLink(Link):
@@ -201,8 +200,7 @@ def test_once_remembers_a_bad_end_of_a_mission_while_another_is_queued(lacks):
 
 
 def ended(number, message="mission_ended_incomplete"):
-    text = MESSAGES[message].text.format(result="COMPLETE", location="/data/1.bag")
-    return Note("10:00:00", 2, text, "", number)
+    return Note("10:00:00", 2, "Mission ended.", "", number, message)
 
 
 def test_once_remembers_lost_data_of_a_mission_whose_end_no_state_has_shown():

@@ -187,10 +187,13 @@ def test_a_platform_that_names_itself_is_named_once():
 
 def test_the_last_messages_become_notes_with_their_time_and_number():
     stamp = SimpleNamespace(secs=1_795_000_000, nsecs=0)
-    rows = [SimpleNamespace(number=n, stamp=stamp, level=1, text=f"no. {n}\x1b[2J", advice="") for n in range(1, 301)]
+    rows = [
+        SimpleNamespace(number=n, stamp=stamp, level=1, text=f"no. {n}\x1b[2J", advice="", key="ready")
+        for n in range(1, 301)
+    ]
     run, notes = notes_of(SimpleNamespace(run="r-1", messages=rows))
     clock = time.strftime("%H:%M:%S", time.localtime(1_795_000_000))
-    assert (run, len(notes), notes[-1]) == ("r-1", 200, Note(clock, 1, "no. 300", "", 300))
+    assert (run, len(notes), notes[-1]) == ("r-1", 200, Note(clock, 1, "no. 300", "", 300, "ready"))
 
 
 def test_what_the_vehicle_says_of_itself_with_nan_as_unknown():

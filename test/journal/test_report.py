@@ -285,7 +285,7 @@ def test_rows_of_computers_stand_with_the_checks_and_only_there():
 
 
 def say(text):
-    return Notify(level=Level.WARNING, key="", text=text, advice="Look.")
+    return Notify(level=Level.WARNING, key="ready_old", text=text, advice="Look.")
 
 
 def test_of_several_messages_in_one_step_none_is_lost():
@@ -293,9 +293,9 @@ def test_of_several_messages_in_one_step_none_is_lost():
     assert log.take(T, (say("one"), say("two")))
     assert not log.take(T + 1, ())
     assert log.take(T + 2, (say("three"),))
-    said = OperatorMessage(1, T, Level.WARNING, "one", "Look.")
-    three = OperatorMessage(3, T + 2, Level.WARNING, "three", "Look.")
-    assert log.after(0) == (said, OperatorMessage(2, T, Level.WARNING, "two", "Look."), three)
+    said = OperatorMessage(1, T, Level.WARNING, "one", "Look.", "ready_old")
+    three = OperatorMessage(3, T + 2, Level.WARNING, "three", "Look.", "ready_old")
+    assert log.after(0) == (said, OperatorMessage(2, T, Level.WARNING, "two", "Look.", "ready_old"), three)
     assert log.after(2) == (three,)
 
 

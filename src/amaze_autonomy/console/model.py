@@ -253,13 +253,14 @@ class Question:
 
 @dataclass(frozen=True)
 class Note:
-    """One message of the engine; `clock` is the wall time as it is shown, `level` as in `Snapshot`."""
+    """One message of the engine; `clock` is the wall time as it is shown, `level` as in `Snapshot`, `key` its name."""
 
     clock: str
     level: int
     text: str
     advice: str = ""
     number: int = 0
+    key: str = ""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ import time
 from dataclasses import replace
 from typing import Callable, Optional
 
-from ..engine.commands import MESSAGES
 from ..engine.state import Result
 from . import dialog
 from .link import (
@@ -27,7 +26,7 @@ from .model import Desk, RequestKind, Snapshot, Verdict
 
 CLOSED, NO_ROS, NOT_COMPLETE, NO_ENGINE, INTERRUPTED = 0, 2, 3, 4, 130
 COMPLETE, NOT_SELECTED = 0, 2
-_LOST_DATA = MESSAGES["mission_ended_incomplete"].text.format(result=Result.COMPLETE.value, location="").strip()
+_LOST_DATA = "mission_ended_incomplete"  # the key of a message
 
 
 def _wall_clock() -> str:
@@ -168,7 +167,7 @@ class Session:
     def _look_for_lost_data(self, before: Desk) -> None:
         """Remember the end of a mission that no state shows, for the next one begins at once: its message tells."""
         if self._begun and before.run:
-            lost = any(note.text.startswith(_LOST_DATA) for note in self.desk.notes_since(before))
+            lost = any(note.key == _LOST_DATA for note in self.desk.notes_since(before))
             self._all_complete = self._all_complete and not lost
 
     def _look_for_a_mistake(self) -> None:

@@ -188,6 +188,7 @@ def notes_of(message: Any) -> Tuple[str, Tuple[Note, ...]]:
             text=_text(row, "text"),
             advice=_text(row, "advice"),
             number=_count(row, "number"),
+            key=_text(row, "key"),
         )
         for row in tuple(getattr(message, "messages", ()))[-_ROWS:]
     )

@@ -448,6 +448,7 @@ class OperatorMessage:
     level: Level
     text: str
     advice: str = ""
+    key: str = ""
 
 
 class MessageLog:
@@ -464,7 +465,8 @@ class MessageLog:
         said = [command for command in commands if isinstance(command, Notify)]
         for notify in said:
             self._last += 1
-            self._messages.append(OperatorMessage(self._last, t_ns, notify.level, notify.text, notify.advice))
+            told = OperatorMessage(self._last, t_ns, notify.level, notify.text, notify.advice, notify.key)
+            self._messages.append(told)
         return bool(said)
 
     def after(self, number: int) -> Tuple[OperatorMessage, ...]:

@@ -325,6 +325,7 @@ class StatePublisher:
                 level=_MESSAGE_LEVELS[each.level],
                 text=each.text,
                 advice=each.advice,
+                key=each.key,
             )
             for each in self._log.after(0)
         ]
