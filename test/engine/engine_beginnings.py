@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Callable, Dict
 
-from engine_peers import COMPONENTS, SHIPPED
+from engine_peers import COMPONENTS, MISSION, SHIPPED
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
@@ -151,6 +152,11 @@ def _data_cleanup() -> Story:
     return story.until("DATA_CLEANUP")
 
 
+def _data_cleanup_queued() -> Story:
+    story = _mission_input().select(MISSION, replace(MISSION, id="2"))
+    return story.until("DATA_CLEANUP", limit_s=90.0)
+
+
 def _mission_ended() -> Story:
     return _data_cleanup().until("MISSION_ENDED").after(0.3)
 
@@ -179,6 +185,7 @@ BEGINNINGS: Dict[str, Callable[[], Story]] = {
     "PILOT": _pilot,
     "PILOT landed": _pilot_landed,
     "DATA_CLEANUP": _data_cleanup,
+    "DATA_CLEANUP queued": _data_cleanup_queued,
     "MISSION_ENDED": _mission_ended,
 }
 _TOLD: Dict[str, Story] = {}

@@ -19,24 +19,24 @@ class Answers(NamedTuple):
 
 _IN_AIR = {"hold": "HOLD confirming", "land": "LAND commanding", "abort": "LAND commanding"}
 _HELD = {"resume": "HOLD resuming", "land": "LAND commanding", "abort": "LAND commanding"}
-_END = {"give_up": "MISSION_INPUT", "abort": "MISSION_INPUT"}
-_CLEAN_UP = {"give_up": "DATA_CLEANUP", "abort": "DATA_CLEANUP"}
+_END = dict.fromkeys(("give_up", "land", "abort"), "MISSION_INPUT")
+_CLEAN_UP = dict.fromkeys(("give_up", "land", "abort"), "DATA_CLEANUP")
 
 EXPECTED: Dict[str, Answers] = {
     "MISSION_INPUT": Answers("RRRRRRRR", {}),
-    "PREFLIGHT": Answers("RADRRRDR", _END),
+    "PREFLIGHT": Answers("RADRRDDR", _END),
     "OUTREACH": Answers("RDDRRRRR", {"retry": "PREFLIGHT", "give_up": "MISSION_INPUT"}),
     "OUTREACH recorded": Answers("RDDRRRRR", {"retry": "PREFLIGHT", "give_up": "DATA_CLEANUP"}),
     "OUTREACH data": Answers("RDDRRRRR", {"retry": "DATA_CLEANUP", "give_up": "MISSION_ENDED"}),
-    "READY": Answers("DRDRRRDR", {"go": "START_RECORDING", **_END}),
-    "START_RECORDING": Answers("ARDRRRDR", _CLEAN_UP),
-    "LOAD_MISSION": Answers("ARDRRRDR", _CLEAN_UP),
+    "READY": Answers("DRDRRDDR", {"go": "START_RECORDING", **_END}),
+    "START_RECORDING": Answers("ARDRRDDR", _CLEAN_UP),
+    "LOAD_MISSION": Answers("ARDRRDDR", _CLEAN_UP),
     "TAKEOFF arming": Answers("ARRRADDR", {"land": "LAND descending", "abort": "TAKEOFF cancelling"}),
     "TAKEOFF lifting_off": Answers("ARRRADDR", {"land": "LAND commanding", "abort": "TAKEOFF cancelling"}),
     "TAKEOFF cancelling": Answers("ARRRADAR", {"land": "LAND commanding"}),
     "TAKEOFF climbing": Answers("ARRDADDR", _IN_AIR),
     "MISSION flying": Answers("ARRDADDR", _IN_AIR),
-    "MISSION touchdown": Answers("ARDRADDR", {"land": "DATA_CLEANUP", **_CLEAN_UP}),
+    "MISSION touchdown": Answers("ARDRADDR", _CLEAN_UP),
     "HOLD confirming": Answers("RRRADDDR", {**_HELD, "resume": "HOLD confirming"}),
     "HOLD holding": Answers("RRRADDDR", _HELD),
     "HOLD holding takeoff": Answers("RRRADDDR", _HELD),
@@ -46,6 +46,7 @@ EXPECTED: Dict[str, Answers] = {
     "PILOT": Answers("RRRRRRRR", {}),
     "PILOT landed": Answers("RRRRRRRD", {"acknowledge": "DATA_CLEANUP"}),
     "DATA_CLEANUP": Answers("RARRRRRR", {}),
+    "DATA_CLEANUP queued": Answers("RADRRDDR", _CLEAN_UP),
     "MISSION_ENDED": Answers("RRARRRRR", {}),
 }
 

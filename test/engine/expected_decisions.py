@@ -130,6 +130,7 @@ ON_THE_GROUND: Dict[str, Dict[int, str]] = {
     },
     "PILOT landed": dict.fromkeys((1, 2, 4, 8, 16), "PILOT"),
     "DATA_CLEANUP": dict.fromkeys((1, 2, 4, 8, 16), "DATA_CLEANUP"),
+    "DATA_CLEANUP queued": dict.fromkeys((1, 2, 4, 8, 16), "DATA_CLEANUP"),
     "MISSION_ENDED": dict.fromkeys((1, 2, 4, 8, 16), "MISSION_ENDED"),
 }
 """place -> code -> state, on the ground: between Ready and takeoff a failure takes Ready back; nothing moves."""

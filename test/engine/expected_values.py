@@ -90,6 +90,7 @@ VALUES: Dict[str, Tuple[str, ...]] = {
     "land_repeat": ("land_repeat_period: 'passed'", "later by: 0.0 of 0.0 s"),
     "takeoff_refused": ("planner: 'no'", "armed: False", "landed: 'ON_GROUND'"),
     "takeoff_refused_unclear": ("planner: 'no'",),
+    "landed_unheard": ("planner phase: 'LANDED'", "waypoint: 3 of 3"),
     "cancelled": ("armed: False", "landed: 'ON_GROUND'"),
     "cancelled_late": ("cancel_limit: 'passed'", "later by: 0.0 of 0.0 s", "armed: False", "landed: 'ON_GROUND'"),
     "failure_before_lift_off": (
@@ -175,6 +176,7 @@ VALUES: Dict[str, Tuple[str, ...]] = {
     "data_lost": ("recording: 'COMPLETE'", "location: '/data/test-001'", "lost: 'second: 37.9 s'"),
     "data_incomplete": ("recorder: 'module2: no space left'",),
     "data_limit": ("data_cleanup_limit: 'passed'", "later by: 0.0 of 0.0 s"),
+    "user_calls_off": ("user: 'land'", "mission: '2'"),
     "retry_data": ("user: 'retry'",),
     "give_up_data": ("user: 'give_up'",),
     "retry": ("user: 'retry'",),

@@ -51,6 +51,7 @@ TOLD_TO_END: Dict[str, End] = {
     "PILOT": End("PILOT"),
     "PILOT landed": End("PILOT"),
     "DATA_CLEANUP": End("DATA_CLEANUP"),
+    "DATA_CLEANUP queued": End("DATA_CLEANUP"),
     "MISSION_ENDED": End("MISSION_ENDED"),
 }
 
@@ -485,3 +486,62 @@ def test_before_a_takeoff_such_a_signal_is_forgotten_with_the_process():
     story.feed(ev.EngineStarted, label="again", resumed=True)
     assert (story.state.signal, story.state.shutting_down) == ("", False)
     story.expect("OUTREACH")  # whoever told it to end may say that it goes on
+
+
+# --- what flew unheard ------------------------------------------------------------------------------------------------
+
+
+def dead_over_a_flight(place: str, dead_s: float) -> Story:
+    """Tell a flight that begins and ends while the engine is dead."""
+    story = at(place)
+    story.disobeyed.clear()
+    if place == "TAKEOFF lifting_off":
+        story.vehicle.height, story.vehicle.landed = 0.5, ev.VehicleLanded.TAKING_OFF
+        story.planner.phase = ev.MissionPhase.TAKING_OFF
+        story.vehicle.take_off()
+    return story.pass_dead(dead_s).look()
+
+
+@pytest.mark.parametrize("planner_says", [True, False])
+def test_a_flight_that_nobody_heard_is_never_called_not_flown(planner_says):
+    story = dead_over_a_flight("TAKEOFF lifting_off", 40.0)
+    assert story.vehicle.armed is False
+    assert story.planner.phase is ev.MissionPhase.LANDED
+    if not planner_says:  # it was started again, too
+        story.planner.phase, story.planner.waypoint = ev.MissionPhase.IDLE, 0
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.until("MISSION_ENDED" if planner_says else "OUTREACH")
+    assert ("landed_unheard" in story.rules_fired) is planner_says
+    if not planner_says:
+        story.user("give_up")
+    story.until("MISSION_ENDED")
+    assert story.state.session.result.value == "LANDED_EARLY"
+
+
+def test_an_armed_vehicle_that_was_not_heard_for_long_may_have_flown():
+    story = at("TAKEOFF lifting_off")
+    story.silent.append("autopilot")
+    story.after(5.0).expect("LAND")
+    story.vehicle.armed, story.vehicle.landed = False, ev.VehicleLanded.ON_GROUND
+    story.silent.clear()
+    story.until("MISSION_ENDED")
+    assert story.state.session.result.value == "LANDED_EARLY"
+
+
+def test_what_was_heard_on_the_ground_all_the_time_is_not_flown():
+    story = at("TAKEOFF lifting_off")
+    story.user("abort")
+    story.until("OUTREACH").user("give_up")
+    story.until("MISSION_ENDED")
+    assert story.state.session.result.value == "NOT_FLOWN"
+
+
+@pytest.mark.parametrize("phase", ["STOPPING", "MERGING", "COMPLETE"])
+def test_a_recording_that_somebody_else_ended_in_flight_is_not_complete(phase):
+    story = at("MISSION flying")
+    story.recorder.says.update(phase=ev.RecordingPhase[phase])
+    story.after(0.6)
+    story.recorder.says.clear()
+    story.until("MISSION_ENDED", limit_s=60.0)
+    assert story.state.session.data_result.value == "INCOMPLETE"
+    assert story.told[-1] == "mission_ended_incomplete"

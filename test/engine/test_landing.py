@@ -77,11 +77,13 @@ def test_second_route_after_3_s_alarm_after_6_s_and_again_at_the_limit():
         {"mode": "AUTO.LAND"},
         {"mode": "AUTO.PRECLAND"},
         {"landed": ev.VehicleLanded.LANDING},
-        {"landed": ev.VehicleLanded.ON_GROUND},
+        {"landed": ev.VehicleLanded.ON_GROUND, "height_m": 0.0},
     ],
 )
 def test_what_shows_a_landing(claims):
-    at("LAND commanding").say(**claims).expect("LAND", "descending")
+    story = at("LAND commanding")
+    story.landing_says = ev.Landed.UNKNOWN
+    story.report().say(**claims).expect("LAND", "descending")
 
 
 def test_a_sustained_descent_shows_it_a_short_one_does_not():
@@ -238,6 +240,25 @@ def test_a_landing_detection_that_fell_silent_in_the_air_does_not_forbid_to_disa
     story.disobeyed.clear()
     story.until("DATA_CLEANUP")
     assert story.motions == ["AutopilotDisarm"]
+
+
+@pytest.mark.parametrize("outcome", [ev.Outcome.REFUSED, ev.Outcome.TIMED_OUT])
+@pytest.mark.parametrize("says", ["landing detection", "height"])
+def test_a_vehicle_that_hovers_and_says_that_it_stands_is_commanded_to_land_all_the_same(says, outcome):
+    story = at("MISSION flying")
+    story.vehicle.obeys, story.planner.flown_ns = False, -(10**13)
+    story.answers.update(LAND=outcome)
+    story.vehicle.says.update(landed=ev.VehicleLanded.ON_GROUND, height_m=2.6, vertical_speed_m_s=0.0)
+    story.vehicle.speed = 0.0
+    story.landing_says = ev.Landed.AIRBORNE if says == "landing detection" else ev.Landed.UNKNOWN
+    story.after(0.4).look().fail("imu", 16)
+    story.after(30.0).expect("LAND", "commanding")
+    assert story.motions.count("LAND") > 10
+    assert story.motions.count("AutopilotLand") > 10
+    assert "AutopilotDisarm" not in story.requests
+    assert "land_alarm" in story.told
+    assert "stays_armed" not in story.told
+    assert story.state.shown.key == "land_alarm"
 
 
 def test_never_disarmed_when_ground_is_a_blink():

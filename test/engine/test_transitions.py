@@ -85,6 +85,12 @@ def arms_late(story: Story) -> None:
     story.say(armed=True).after(0.2)
 
 
+def flew_unheard(story: Story) -> None:
+    story.planner.says.update(phase=ev.MissionPhase.LANDED, waypoint=3)
+    story.report()
+    story.say(armed=False).after(0.65)
+
+
 def takeoff_fails(story: Story) -> None:
     story.planner.says.update(phase=ev.MissionPhase.FAILED, message="arm: refused: no GPS")
     story.report()
@@ -439,6 +445,7 @@ ROWS = (
         ("ABORT",),
         "takeoff_cancelled",
     ),
+    Row("landed_unheard", "TAKEOFF lifting_off", flew_unheard, "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
     Row("cancelled", "TAKEOFF cancelling", keeps_saying(0.65, armed=False), "OUTREACH", (), "takeoff_refused"),
     Row(
         "cancelled_late",
@@ -627,6 +634,7 @@ ROWS = (
     Row("data_lost", "DATA_CLEANUP", recorder_lost, "MISSION_ENDED", (), "mission_ended_incomplete"),
     Row("data_incomplete", "DATA_CLEANUP", recorder("FAILED"), "OUTREACH", (), "data_incomplete"),
     Row("data_limit", "DATA_CLEANUP", recorder("MERGING", 1800.0), "OUTREACH", (), "data_incomplete"),
+    Row("user_calls_off", "DATA_CLEANUP queued", user("land"), "DATA_CLEANUP", (), "queue_dropped"),
     Row("retry_data", "OUTREACH data", user("retry"), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
     Row("give_up_data", "OUTREACH data", user("give_up"), "MISSION_ENDED", (), "mission_ended_incomplete"),
     Row("retry", "OUTREACH recorded", user("retry"), "PREFLIGHT", ASKED, "preflight"),

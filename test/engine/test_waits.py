@@ -521,6 +521,7 @@ AFTER_AN_HOUR = {
     "LAND commanding": "LAND",
     "LAND descending": "LAND",
     "DATA_CLEANUP": "OUTREACH",
+    "DATA_CLEANUP queued": "OUTREACH",
 }
 
 

@@ -9,9 +9,18 @@ from dataclasses import replace
 
 import pytest
 
-from amaze_autonomy.engine.commands import AutopilotDisarm, Decision, MissionAction
+from amaze_autonomy.engine.commands import Answer, AnswerKind, AutopilotDisarm, Decision, MissionAction, StartRecording
 from amaze_autonomy.engine.decide import decide
-from amaze_autonomy.engine.events import AutopilotStatus, EngineStarted, Tick, VehicleLanded
+from amaze_autonomy.engine.events import (
+    AutopilotStatus,
+    EngineStarted,
+    Mission,
+    MissionSelected,
+    Tick,
+    UserCommand,
+    UserRequest,
+    VehicleLanded,
+)
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, Flight, State
 from amaze_autonomy.laws import LAWS, Broken, BrokenLawError, Judge, Judged, Witness, check, judge, observed
@@ -116,3 +125,42 @@ def test_a_failsafes_flag_in_a_hold_of_ours_is_no_takeover_and_a_hold_of_its_own
         moment = observed(seen, held, event, (), held, RULES)
         broken, seen = [law.name for law, why in check(moment) if why], moment.seen
     assert ("the_pilot_has_control" in broken) is taken
+
+
+@pytest.mark.parametrize("answer", list(AnswerKind))
+@pytest.mark.parametrize(
+    "asked",
+    [
+        MissionSelected(t_ns=S, missions=(Mission(id="b"),), request_id=7),
+        UserRequest(t_ns=S, command=UserCommand.RETRY, request_id=7),
+        UserRequest(t_ns=S, command=UserCommand.GO, request_id=7),
+    ],
+    ids=["select", "retry", "go"],
+)
+def test_who_asks_for_what_is_not_done_has_asked_for_no_takeoff(asked, answer):
+    """The next mission of a queue takes off by itself behind a landing of ours: the law must go on seeing that."""
+    seen = Witness(unasked=True)
+    seen = observed(seen, at(0), asked, (Answer(request_id=7, answer=answer),), at(S), RULES).seen
+    begins = StartRecording(id=1, limit_ns=1, session_id="b", mission_id="b")
+    moment = observed(seen, at(S), Tick(t_ns=2 * S), (begins,), at(2 * S), RULES)
+    broken = [law.name for law, why in check(moment) if why]
+    assert ("a_person_asks" in broken) is (answer is not AnswerKind.DONE)
+
+
+@pytest.mark.parametrize("x_m, far", [(100.0004, False), (100.0006, True)])
+def test_a_distance_counts_to_the_millimetre_for_the_law_as_for_the_engine(x_m, far):
+    said = AutopilotStatus(
+        t_ns=9 * S,
+        armed=True,
+        landed=VehicleLanded.IN_AIR,
+        mode="AUTO.MISSION",
+        link_age_s=0.0,
+        position_x_m=x_m,
+        position_y_m=0.0,
+    )
+    flies = replace(EngineState(), t_ns=said.t_ns, state=State.MISSION, flight=replace(Flight(), active=True))
+    seen = Witness(
+        now=8 * S, motion=MissionAction.TAKEOFF, motion_ns=7 * S, flight="armed", airborne=True, beat_ns=8 * S
+    )
+    broken = [why for law, why in check(observed(seen, flies, said, (), flies, RULES)) if why]
+    assert any("too far" in why for why in broken) is far

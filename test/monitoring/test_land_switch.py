@@ -78,7 +78,7 @@ FLIGHT, BEFORE = (State.TAKEOFF, State.MISSION, State.HOLD), (State.START_RECORD
 @pytest.mark.parametrize("state", BEFORE)
 def test_behind_the_go_it_calls_the_takeoff_off(state):
     before = put(evolve(IN_FLIGHT, state=state), "flight.active", False)
-    asked = UserRequest(t_ns=5 * S, command=UserCommand.ABORT, by="the transmitter's land switch")
+    asked = UserRequest(t_ns=5 * S, command=UserCommand.LAND, by="the transmitter's land switch")
     assert LandRequests(frozenset()).answer(before, 5 * S, on=True) == asked
     assert LandRequests(frozenset({"1"})).answer(before, 5 * S, on=True) is None
 

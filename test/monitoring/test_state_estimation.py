@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from monitoring_feed import S, rounded
 
 from amaze_autonomy.engine.events import Check, Verdict
-from amaze_autonomy.monitoring.readings import estimate_reader, orientation_of
+from amaze_autonomy.monitoring.readings import estimate_reader
 from amaze_autonomy.monitoring.specs import EstimateSource, StateEstimationSpec
 from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor, StateVerdict
 
@@ -322,14 +322,6 @@ def test_variances_of_a_message_are_of_position_and_orientation_and_all_zeros_ar
     assert (estimate.position_variance, estimate.orientation_variance) == (
         ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)) if known else (None, None)
     )
-
-
-@pytest.mark.parametrize(
-    "part, known", [(1.0, True), (1.0 + 4e-4, True), (0.9, False), (1.1, False), (0.0, False), (nan, False)]
-)
-def test_a_quaternion_that_is_not_normalised_is_no_orientation(part: float, known: bool):  # noqa: FBT001
-    parts = (0.0, 0.6 * part, 0.0, 0.8 * part)
-    assert orientation_of(SimpleNamespace(**dict(zip("xyzw", parts)))) == (parts if known else None)
 
 
 def test_in_motion_what_a_flying_vehicle_cannot_show_is_left_out_and_the_rest_is_that_of_the_check():

@@ -157,6 +157,10 @@ def _restart_loads(t: Any, event: Any) -> None:
         effects.load_mission(t)
 
 
+def _forgotten_flight(t: Any) -> None:
+    t.put("flight", was_airborne=True, was_armed=True)
+
+
 def _always_in_flight(t: Any) -> None:
     if t.state.flight.active and t.armed():
         t.put("flight", was_armed=True)
@@ -358,6 +362,7 @@ DEFECTS: Tuple[Defect, ...] = (
         ("data",),
     ),
     Defect("what the flight lacks is kept quiet", without("data_lost"), ("data",)),
+    Defect("what flew is said not to be flown", attribute(update, "_remember_flight", _forgotten_flight), ("data",)),
     Defect("data is given up in silence", row("give_up_data", sets={}), ("data",)),
     Defect("a restart forgets the flight", takes(events.EngineStarted, _restart_forgets), ("flight with lrf",)),
     Defect("a restart takes off again", takes(events.EngineStarted, _restart_takes_off), (_TAKEOFF,)),

@@ -530,13 +530,13 @@ def witness_of(s: EngineState, rules: Rules) -> Witness:
         motion=motion,
         motion_id=s.flight.motion.id,
         motion_ns=s.flight.motion.sent_ns,
-        motion_outcome=s.flight.motion.outcome,
         flown=s.flight.mode_flown if s.flight.mode_flown in ("OFFBOARD", "AUTO.MISSION") else "",
         flown_by=s.flight.flown_by,
         answered=(s.flight.confirmed is motion and motion is not None) or foreign,
         disarmed_ns=s.landing.disarm_sent_ns,
         recording=_recording_of(s),
         flown_on=s.recording.flown_on,
+        flew=s.session.flown,
         user_hold=s.flight.user_hold_ns is not None,
         waited=_waited_of(s, rules),
         shutting_down=s.shutting_down,
@@ -598,7 +598,7 @@ def drawn_step(rng: Random, drawn: Drawn, applied: Dict[str, int]) -> Optional[B
     after, commands = engine.decide(state, event, rules)
     witness = witness_of(state, rules)
     saw = see(witness, event, state, rules.limits)
-    moment = Moment(state, event, commands, after, (witness, saw, hear(saw, commands, after)), rules)
+    moment = Moment(state, event, commands, after, (witness, saw, hear(saw, event, commands, after)), rules)
     for law, why in check(moment):
         if why:
             return BrokenStep(law.name, why, drawn, event, after)

@@ -299,6 +299,7 @@ def _flight(state: EngineState, caps: Dict[str, int]) -> Key:
         and (
             planner.phase,
             planner.waypoint >= planner.waypoints,
+            planner.waypoint > 0,
             planner.t_ns > state.flight.motion.sent_ns,
             planner.file_index,
         ),
@@ -354,6 +355,7 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         witness.beat_ns == state.peers.heartbeat_ns,
         witness.watching,
         witness.unasked,
+        witness.flew,
         witness.codes,
         witness.flight,
         witness.airborne,
@@ -372,7 +374,6 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         witness.alarmed,
         witness.alarms,
         witness.motion,
-        witness.motion_outcome,
         witness.flown,
         witness.flown_by,
         witness.answered,

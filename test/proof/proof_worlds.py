@@ -641,7 +641,11 @@ _ALL: Tuple[World, ...] = (
     World(
         name="data",
         words="the recording is stopped, collected, lacks a part, fails, is silent, retried, given up; next follows",
-        seeds=(SEEDS["cleaning"], script(f"{_CLEANING} recorder:FAILED wait wait")),
+        seeds=(
+            SEEDS["cleaning"],
+            script(f"{_CLEANING} recorder:FAILED wait wait"),
+            script(f"{_LOADED} user:land"),  # nothing was flown
+        ),
         missions=(("one",),),
         scenes={"ground": ("armed",), "armed": ("ground",)},
         anytime=("landing",),

@@ -53,6 +53,7 @@ MODES: Mapping[MissionAction, FrozenSet[str]] = {
     MissionAction.TAKEOFF: FLYING_MODES | HOLDING_MODES,  # PX4 loiters after its takeoff
 }
 
+_FLEW = (MissionPhase.FLYING, MissionPhase.HOLDING, MissionPhase.LANDING, MissionPhase.LANDED)
 _ON_THE_WAY: Mapping[str, int] = {"AUTO.TAKEOFF": 1, "AUTO.LOITER": 1, SET_POINT_MODE: 2, MISSION_MODE: 3}
 """How far a takeoff has come by its mode; some are left out: ArduPilot takes off in OFFBOARD (its GUIDED)."""
 
@@ -271,6 +272,13 @@ class Context:
         status, detection = self.vehicle(), self.detection()
         high = status is not None and status.height_m is not None and status.height_m >= self.limits.takeoff_height_m
         return detection is Landed.AIRBORNE or (high and detection is not Landed.ON_GROUND)
+
+    def planner_flew(self) -> bool:
+        """Return True when the planner has said, since the takeoff command, that it flew on to its waypoints."""
+        planner, started_ns = self.state.peers.planner, self.state.flight.started_ns
+        if planner is None or started_ns is None or not planner.t_ns > started_ns:
+            return False
+        return planner.phase in _FLEW and planner.waypoint > 0
 
     def stands(self) -> bool:
         """Return True when it has said ON_GROUND for longer than one wrong status lasts."""

@@ -68,6 +68,7 @@ CONDITIONS: Mapping[str, Callable[[Context], bool]] = {
     ),
     "the vehicle has been silent or unknown for long": lambda context: context.unknown_for_long(),
     "it has been disarmed for long": lambda context: context.disarmed_for_long(),
+    "another mission waits": lambda context: bool(context.state.queue),
     "last heard on the ground and disarmed": lambda context: context.last_heard_down(),
 }
 
@@ -81,6 +82,7 @@ _PILOT = (Case(_NO, "The pilot or the autopilot has control; nothing is commande
 _NOT_SEEN_DOWN = "Acknowledged; it is disarmed, and does not say that it has landed."
 _UNKNOWN_END = "Acknowledged; whether it has landed and is disarmed is not known."
 _SEEMS_OVER = Case(_SO, "It seems to have landed; it is landed if it has not.")
+_CALLED_OFF = Case(_DONE, "No further takeoff; the data is being collected.", "another mission waits")
 _UNDER_WAY = (Case(_SO, "The mission is under way."),)
 
 OTHERWISE: Mapping[UserCommand, str] = {
@@ -118,7 +120,10 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.HOLD: (Case(_NO, "The vehicle is in flight: land."),),
         State.LAND: (Case(_NO, "The vehicle is in flight; it is landing."),),
         State.PILOT: (Case(_NO, "Land, then acknowledge."),),
-        State.DATA_CLEANUP: (Case(_NO, "The data is being collected; it ends by itself within its limit."),),
+        State.DATA_CLEANUP: (
+            _CALLED_OFF,
+            Case(_NO, "The data is being collected; it ends by itself within its limit."),
+        ),
         State.MISSION_ENDED: (Case(_SO, "The mission has ended."),),
     },
     UserCommand.HOLD: {
@@ -149,6 +154,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.PILOT: _PILOT,
     },
     UserCommand.LAND: {
+        **dict.fromkeys(_BEFORE, _END),
         State.TAKEOFF: (Case(_DONE, "Landing.", "in flight"), _SEEMS_OVER),
         State.MISSION: (
             Case(_DONE, "On the ground: no further takeoff.", "between files"),
@@ -158,6 +164,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.HOLD: (Case(_DONE, "Landing.", "in flight"), _SEEMS_OVER),
         State.LAND: _LANDING,
         State.PILOT: _PILOT,
+        State.DATA_CLEANUP: (_CALLED_OFF,),
     },
     UserCommand.ABORT: {
         **dict.fromkeys(_BEFORE, _END),
@@ -175,6 +182,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.LAND: _LANDING,
         State.PILOT: _PILOT,
         State.OUTREACH: (Case(_NO, "Nothing flies: retry or give up."),),
+        State.DATA_CLEANUP: (_CALLED_OFF,),
     },
     UserCommand.ACKNOWLEDGE: {
         State.LAND: (
@@ -340,7 +348,7 @@ def _answer(context: Context) -> None:
         context.consume()
     context.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
     lands = isinstance(event, UserRequest) and event.command in _LANDS and case.answer is not AnswerKind.REFUSED
-    if lands and context.state.flight.was_airborne:
+    if lands and context.state.flight.was_airborne and context.state.state in (*_FLIGHT, State.LAND):
         drop_queue(context)  # who has it landed has no other mission taken off for him
 
 

@@ -311,25 +311,38 @@ def cancelled_on_ground(context: Context) -> Optional[Seen]:
 def landing_shown(context: Context) -> Optional[Seen]:
     """The vehicle shows that it lands: on the ground, or, up to the limit, landing mode or sustained descent.
 
-    Before lift-off ON_GROUND shows nothing while it is armed: the takeoff may still be on its way. A leg of a mission
-    may descend as well, and a vehicle that stands in the air does not land, whatever its mode is called.
+    What landing detection or height contradicts shows nothing, nor does ON_GROUND before lift-off while it is armed: the
+    takeoff may still be on its way. A leg of a mission may descend as well, and a vehicle that stands in the air does
+    not land, whatever its mode is called.
     """
     status = context.vehicle()
     before_lift_off = status is not None and status.armed is not False and not context.state.flight.was_airborne
-    overdue = passed("land_limit", context.state, context.rules, context.now)
-    if status is None or (overdue and status.landed is not VehicleLanded.ON_GROUND):
+    grounded = status is not None and status.landed is VehicleLanded.ON_GROUND and not context.seems_to_fly()
+    if status is None or (not grounded and passed("land_limit", context.state, context.rules, context.now)):
         return None
     stalled = passed("landing_stall_limit", context.state, context.rules, context.now)
     if status.mode in LANDING_MODES and not stalled:
         return Seen((Value("flight mode", status.mode),))
-    down = status.landed is VehicleLanded.ON_GROUND and not before_lift_off
-    if down or (status.landed is VehicleLanded.LANDING and not stalled):
+    if (grounded and not before_lift_off) or (status.landed is VehicleLanded.LANDING and not stalled):
         return Seen((Value("landed", status.landed.name),))
     flies_on = status.mode in FLYING_MODES and not context.planner_lands()
     sustained = not flies_on and passed("descent_time", context.state, context.rules, context.now)
     return holds_if(
         sustained, Value("vertical speed", status.vertical_speed_m_s, -context.limits.descent_speed_m_s, "m/s")
     )
+
+
+def seems_to_fly(context: Context) -> Optional[Seen]:
+    """Landing detection or height contradicts that it stands on the ground."""
+    return holds_if(context.seems_to_fly())
+
+
+def flown_unheard(context: Context) -> Optional[Seen]:
+    """The planner has said, since the takeoff command, that it flew on to its waypoints, and it is down."""
+    planner = context.state.peers.planner
+    if planner is None or not context.planner_flew() or not context.stays_down():
+        return None
+    return Seen((Value("planner phase", planner.phase.name), Value("waypoint", planner.waypoint, planner.waypoints)))
 
 
 def ground_armed(context: Context) -> Optional[Seen]:
@@ -381,6 +394,6 @@ ALARM_STANDS: Mapping[str, Callable[[Context], Optional[Seen]]] = {
     "autopilot_lost": _lost,
     "land_alarm": lambda context: holds_if(context.state.step is Step.COMMANDING),
     "land_limit": lambda _: Seen(),
-    "stays_armed": lambda context: holds_if(context.on_ground() and context.armed()),
+    "stays_armed": lambda context: holds_if(context.on_ground() and context.armed() and not context.seems_to_fly()),
 }
 """Until when each alarm of a landing is shown, whatever else is said; none outlives the landing."""

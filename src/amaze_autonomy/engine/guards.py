@@ -57,14 +57,8 @@ def _asks(context: Context, *commands: UserCommand) -> Optional[Seen]:
 
 
 @on_request
-def user_gives_up(context: Context) -> Optional[Seen]:
-    """The user gives up or aborts before takeoff."""
-    return _asks(context, UserCommand.GIVE_UP, UserCommand.ABORT)
-
-
-@on_request
 def user_ends(context: Context) -> Optional[Seen]:
-    """The user lands, aborts or gives up between two files."""
+    """The user lands, aborts or gives up on the ground: nothing takes off."""
     return _asks(context, UserCommand.GIVE_UP, UserCommand.ABORT, UserCommand.LAND)
 
 

@@ -208,7 +208,7 @@ class Session:
         id: in every request and status about it; empty: there is none.
         mission: that is flown.
         file_index, repetition: where it is in it.
-        flown: it has left the ground, in any of its flights.
+        flown: it has left the ground, or may have unheard, in any of its flights.
         result: how it ended; `data_result`: what became of its data.
         outreach: why external action is required.
     """

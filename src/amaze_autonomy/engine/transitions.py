@@ -33,7 +33,6 @@ from .guards import (
     timer,
     user,
     user_ends,
-    user_gives_up,
 )
 from .state import DataResult, OutreachKind, Result, State, Step
 
@@ -143,6 +142,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("landed", (State.LAND,), flight.touched_down, CLEANUP, "data_cleanup", words="landed and disarmed"),
     T("cancelled_by_landing", (State.LAND,), flight.cancelled_on_ground, CLEANUP, "data_cleanup", _NOT_FLOWN, words="never armed, and the landing was accepted"),
     T("landed_unexpectedly", (CLIMBING, FLYING, State.HOLD), both(flight.touched_down, timer("confirm_limit")), CLEANUP, "data_cleanup", _EARLY, words="landed and disarmed, the planner does not say that the mission is done"),
+    T("landed_unheard", (LIFTING_OFF, CANCELLING), flight.flown_unheard, CLEANUP, "data_cleanup", _EARLY, words="disarmed on the ground, and the planner says that it has flown meanwhile"),
     # land
     T("takeoff_failed", (ARMING,), flight.takeoff_failed, OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "flight.active": False}, words="the planner says that the takeoff failed, and it is disarmed on the ground"),
     T("land_by_both_routes", _FLIGHT, flight.must_land_both, COMMANDING, "land", {**_EARLY, "landing.both_routes": True}, words="planner or autopilot is lost"),
@@ -162,7 +162,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("autopilot_lost_alarm", (State.LAND,), flight.must_alarm, None, "autopilot_lost", {"landing.both_routes": True, "landing.lost_alarmed": True}, words="the vehicle is not heard, or not whether it flies: alarm to the pilot"),
     T("both_routes_needed", (State.LAND,), both(flight.must_land_both, flight.one_route_only), None, "land_both_routes", {}, do.land_both, "planner or autopilot is lost while landing"),
     T("disarm_on_ground", (State.LAND,), flight.ground_armed, None, "disarm", {}, do.disarm, "on the ground but armed for a while"),
-    T("stays_armed_alarm", (State.LAND,), both(flight.in_flight, flight.stays_armed, flight.not_armed_alarmed), None, "stays_armed", {"landing.armed_alarmed": True}, words="on the ground but armed for long: alarm to the pilot"),
+    T("stays_armed_alarm", (State.LAND,), both(flight.in_flight, flight.stays_armed, negated(flight.seems_to_fly), flight.not_armed_alarmed), None, "stays_armed", {"landing.armed_alarmed": True}, words="on the ground but armed for long: alarm to the pilot"),
     T("landing_not_shown", (DESCENDING,), both(flight.vehicle_heard, negated(flight.landing_shown)), COMMANDING, words="the vehicle no longer shows that it lands, or the limit has passed"),
     T("landing_shown", (COMMANDING,), flight.landing_shown, DESCENDING, "land_shown", words="landing mode, sustained descent, or on the ground"),
     T("land_limit", (State.LAND,), both(timer("land_limit"), flight.not_overdue_alarmed), None, "land_limit", {"landing.overdue_alarmed": True}, do.alarm, "not landed in time: alarm, both routes repeat"),
@@ -198,8 +198,8 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("was_away", _BEFORE, ground.was_away, OUTREACH, "was_away", _FOR_CHECKS, words="the engine was away for so long that a person says whether the mission goes on"),
     T("mission_selected", (INPUT,), mission_selected, PREFLIGHT, "preflight", {}, do.queue_missions, "a valid mission is confirmed"),
     T("next_mission", (INPUT,), mission_waits, PREFLIGHT, "preflight", words="a mission waits in the queue"),
-    T("user_give_up_before_recording", _BEFORE, both(user_gives_up, ground.nothing_recorded), INPUT, "mission_input", {}, do.drop_queue, "the user gives up; nothing was recorded"),
-    T("user_give_up", _BEFORE, user_gives_up, CLEANUP, "data_cleanup", _NOT_FLOWN, do.say_who, "the user gives up; something was recorded"),
+    T("user_give_up_before_recording", _BEFORE, both(user_ends, ground.nothing_recorded), INPUT, "mission_input", {}, do.drop_queue, "the user gives up, aborts or lands; nothing was recorded"),
+    T("user_give_up", _BEFORE, user_ends, CLEANUP, "data_cleanup", _NOT_FLOWN, do.say_who, "the user gives up, aborts or lands; something was recorded"),
     T("checks_passed_too_often", (PREFLIGHT,), both(ground.all_checks_passed, ground.too_many_rounds), OUTREACH, "no_takeoff", _FOR_CHECKS, words="passed, but Ready expired or was revoked too often"),
     T("checks_passed", (PREFLIGHT,), both(ground.all_checks_passed, negated(ground.revoked)), READY, words="all checks pass, and nothing revokes Ready"),
     T("checks_not_kept", (PREFLIGHT,), both(ground.all_checks_passed, ground.revoked, timer("preflight_fix_limit")), OUTREACH, "checks_failed", _FOR_CHECKS, words="all checks pass, but what revokes Ready does not end in time"),
@@ -232,6 +232,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("data_complete", (CLEANUP,), ground.data_complete, ENDED, "mission_ended", {"session.data_result": DataResult.COMPLETE}, words="written, transferred, merged, verified"),
     T("data_incomplete", (CLEANUP,), ground.data_incomplete, OUTREACH, "data_incomplete", _FOR_DATA, words="the recorder refuses, fails, or is silent"),
     T("data_limit", (CLEANUP,), timer("data_cleanup_limit"), OUTREACH, "data_incomplete", _FOR_DATA, words="not complete in time"),
+    T("user_calls_off", (CLEANUP,), both(user_ends, mission_waits), None, "", {}, do.drop_queue, "the user lands, aborts or gives up: no other mission takes off"),
     T("retry_data", (OUTREACH,), both(user(UserCommand.RETRY), outreach_for(OutreachKind.DATA)), CLEANUP, "data_cleanup", words="the user retries the data"),
     T("give_up_data", (OUTREACH,), both(user(UserCommand.GIVE_UP), outreach_for(OutreachKind.DATA)), ENDED, "mission_ended_incomplete", _INCOMPLETE, do.drop_queue, "the user gives up on the data; nothing is deleted"),
     T("retry", (OUTREACH,), user(UserCommand.RETRY), PREFLIGHT, "preflight", {}, do.forgive, "the user retries; a running recording is kept"),

@@ -52,6 +52,14 @@ _WATCHDOGS = 4  # whose loop counters are remembered
 _GROWTHS = 2
 """So often in a row a loop counter grows before it is believed again that has fallen: a restart costs one beat more."""
 _AFTER_FLIGHT = (State.DATA_CLEANUP, State.OUTREACH, State.MISSION_ENDED)
+_ENDED = (
+    RecordingPhase.STOPPING,
+    RecordingPhase.RECOVERING,
+    RecordingPhase.TRANSFERRING,
+    RecordingPhase.MERGING,
+    RecordingPhase.VERIFYING,
+    RecordingPhase.COMPLETE,
+)
 _IDLE = (MissionPhase.IDLE, MissionPhase.LOADED, MissionPhase.LANDED)
 
 
@@ -134,6 +142,8 @@ def _engine_started(context: Context, event: EngineStarted) -> None:
     context.set(label=event.label, started_ns=context.now, armed_at_start=armed, shutting_down=False)
     if not event.resumed:
         return
+    last_ns = state.peers.autopilot_ns
+    _may_have_flown(context, armed=last_ns is None or context.now - last_ns > context.limits.autopilot_status_limit_ns)
     context.set(vehicle=Vehicle(), peers=state.peers.after_restart(context.now))
     context.put("flight", mode_shown="")
     if state.state in (State.TAKEOFF, State.HOLD):  # its limits are those of silence, too
@@ -294,6 +304,8 @@ def _mission_status(context: Context, event: MissionStatus) -> None:
     if event.session_id == context.state.session.id and event.session_id and credible:
         context.put("peers", planner=event, planner_ns=context.now)
         _planner_leads(context)
+        if context.state.flight.active and context.planner_flew():
+            context.put("session", flown=True)
         if context.state.vehicle.takeover is not None and context.state.peers.autopilot is not None:
             # a landing mode is the planner's when it says so
             _control(context, context.state.peers.autopilot, again=True)
@@ -354,8 +366,15 @@ def _after_silence(context: Context) -> None:
         context.limits.autopilot_status_limit_ns
     )
     if silent:
+        _may_have_flown(context, armed=state.flight.was_armed)
         _forget_ground(context)
         context.put("vehicle", down=None, aloft=None, motors=None, disarmed=None, spinning=None)
+
+
+def _may_have_flown(context: Context, *, armed: bool) -> None:
+    """Nobody can say that it was not flown, where it was not heard for so long in a flight, and may have been armed."""
+    if context.state.flight.active and armed:
+        context.put("session", flown=True)
 
 
 def _forget_ground(context: Context) -> None:
@@ -564,7 +583,8 @@ def _remember_flight(context: Context) -> None:
         context.put("session", flown=True)
     elif armed and not state.flight.was_armed:
         context.put("flight", was_armed=True)
-    if airborne and state.recording.stopped:
+    recorder = state.peers.recorder
+    if airborne and (state.recording.stopped or (recorder is not None and recorder.phase in _ENDED)):
         context.put("recording", flown_on=True)
 
 

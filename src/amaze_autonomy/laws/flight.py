@@ -131,7 +131,7 @@ def _out_of_bounds(m: Moment) -> str:
         if value is not None and value > limit:
             return bound.words
     x, y = status.position_x_m, status.position_y_m
-    far = x is not None and y is not None and (x * x + y * y) ** 0.5 > m.limit("max_distance_m")
+    far = x is not None and y is not None and round((x * x + y * y) ** 0.5, 3) > m.limit("max_distance_m")
     return "it is too far" if far else ""
 
 
@@ -157,10 +157,7 @@ def grounded_is_landed_for(m: Moment) -> Verdict:
         return _is_landed_for(m, "it stays armed on the ground")
     if status is None or status.armed is not True or m.before.step is not Step.FLYING or saw.lands(limits):
         return None
-    high = status.height_m is not None and status.height_m >= limits.takeoff_height_m
-    detected = saw.detected(limits)
-    contradicted = detected is ev.Landed.AIRBORNE or (high and detected is not ev.Landed.ON_GROUND)
-    if contradicted or saw.moving_ns is not None or not saw.on_ground(limits):
+    if saw.contradicts_ground(limits) or saw.moving_ns is not None or not saw.on_ground(limits):
         return None
     told_ns = m.was.disarmed_ns
     due_ns = saw.ground_ns + limits.ground_disarm_after_ns
@@ -171,6 +168,8 @@ def grounded_is_landed_for(m: Moment) -> Verdict:
 @law("4.3", "The pilot is alarmed when it stays armed on the ground.", always=True)
 def stays_armed_alarms(m: Moment) -> Verdict:
     if _handed_over(m) or m.after.state is not State.LAND or not _stays_armed(m):
+        return None
+    if m.saw.contradicts_ground(m.rules.limits):  # it may hover: the pilot is alarmed that it does not land
         return None
     return True if "stays_armed" in m.seen.alarms else "it stays armed, and the pilot was not alarmed"
 

@@ -335,6 +335,13 @@ def complete_is_complete(m: Moment) -> Verdict:
     return True if last and flown else "it was not the last file, or nobody has taken off with that"
 
 
+@law("5 MISSION_ENDED", "A mission is not flown only when neither the vehicle nor the planner has said that it flew.")
+def not_flown_is_not_flown(m: Moment) -> Verdict:
+    if not m.moved or m.after.state is not State.MISSION_ENDED or m.after.session.result is not Result.NOT_FLOWN:
+        return None
+    return "it was flown, and is said to be not flown" if m.was.flew else True
+
+
 @law("5 TAKEOFF", "The mission begins at takeoff height, known freshly.")
 def the_mission_begins_at_height(m: Moment) -> Verdict:
     if m.before.step is not Step.CLIMBING or m.after.step is not Step.FLYING:

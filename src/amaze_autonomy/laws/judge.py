@@ -73,7 +73,9 @@ def observed(
     """Return the moment of an event; its `seen` is the witness for the next one."""
     saw = see(witness, event, before, rules.limits)
     shown = commands or after.state is not before.state or after.session.id != saw.session
-    return Moment(before, event, commands, after, (witness, saw, hear(saw, commands, after) if shown else saw), rules)
+    return Moment(
+        before, event, commands, after, (witness, saw, hear(saw, event, commands, after) if shown else saw), rules
+    )
 
 
 def check(moment: Moment) -> Iterator[Tuple[Law, str]]:

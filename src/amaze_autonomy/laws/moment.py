@@ -142,7 +142,8 @@ def shows_landing(saw: Witness, rules: Rules) -> bool:
     sinks = sinks and (by_planner or status.mode not in MOVING)
     stands = saw.stalled_ns is not None and saw.now - saw.stalled_ns > rules.limits.landing_stall_limit_ns
     says = status.mode in LANDING_MODES or status.landed is ev.VehicleLanded.LANDING
-    return status.landed is ev.VehicleLanded.ON_GROUND or (says and not stands) or sinks
+    grounded = status.landed is ev.VehicleLanded.ON_GROUND and not saw.contradicts_ground(rules.limits)
+    return grounded or (says and not stands) or sinks
 
 
 def lands(moment: Moment, name: str, code: int) -> bool:

@@ -149,8 +149,9 @@ def _repeated(m: Moment, request: Any) -> str:
     return ""
 
 
-_NEW_LANDING = (ev.Shutdown, ev.AutopilotStatus, ev.EngineStarted)
-"""What a landing is commanded for at once: a signal, a vehicle that no longer shows it, an engine that starts anew."""
+_NEW_LANDING = (ev.Shutdown, ev.AutopilotStatus, ev.LandedStatus, ev.EngineStarted)
+"""What a landing is commanded for at once: a signal, a vehicle that no longer shows it, or whose landing detection
+contradicts what it shows, an engine that starts anew."""
 
 
 def _records(m: Moment) -> bool:

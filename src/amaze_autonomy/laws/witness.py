@@ -11,6 +11,8 @@ from typing import Any, Dict, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import (
+    Answer,
+    AnswerKind,
     AutopilotDisarm,
     AutopilotLand,
     LoadMission,
@@ -28,6 +30,8 @@ from amaze_autonomy.engine.state import EngineState, State, Step, evolve
 _SECOND = 1_000_000_000
 _FLIES = (ev.VehicleLanded.TAKING_OFF, ev.VehicleLanded.IN_AIR, ev.VehicleLanded.LANDING)
 _FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD, State.LAND, State.PILOT)
+_FLEW = (ev.MissionPhase.FLYING, ev.MissionPhase.HOLDING, ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
+_ENDED = tuple(phase for phase in ev.RecordingPhase if phase.name not in ("IDLE", "STARTING", "RECORDING", "FAILED"))
 _BEHIND = ("stopped", "named", "complete")  # what the recording is once it was told to end
 
 
@@ -106,7 +110,6 @@ class Witness:
     motion: Optional[MissionAction] = None
     motion_id: int = 0
     motion_ns: int = 0
-    motion_outcome: Optional[ev.Outcome] = None
     flown: str = ""
     flown_by: str = ""
     answered: bool = False
@@ -114,6 +117,7 @@ class Witness:
     disarmed_ns: Optional[int] = None
     recording: str = "none"
     flown_on: bool = False
+    flew: bool = False
     user_hold: bool = False
     waited: Tuple[Tuple[str, int], ...] = ()
     started_ns: int = 0
@@ -146,6 +150,12 @@ class Witness:
         """Return True when it says, freshly, that it has left the ground."""
         status = self.fresh(limits)
         return status is not None and status.landed in _FLIES
+
+    def contradicts_ground(self, limits: Limits) -> bool:
+        """Return True when landing detection or height contradicts that it stands on the ground."""
+        status, detected = self.fresh(limits), self.detected(limits)
+        high = status is not None and status.height_m is not None and status.height_m >= limits.takeoff_height_m
+        return detected is ev.Landed.AIRBORNE or (high and detected is not ev.Landed.ON_GROUND)
 
     def detected(self, limits: Limits) -> ev.Landed:
         """Return what the landing detection says, freshly."""
@@ -258,9 +268,7 @@ def _autopilot(
     down = ground and event.armed is False
     silent = previous is None or now - witness.vehicle_ns > limits.autopilot_status_limit_ns
     changes["down_ns"] = (now if witness.down_ns is None or silent else witness.down_ns) if down else None
-    high = event.height_m is not None and event.height_m >= limits.takeoff_height_m
-    detected = witness.detected(limits)
-    contradicted = detected is ev.Landed.AIRBORNE or (high and detected is not ev.Landed.ON_GROUND)
+    contradicted = evolve(witness, now=now, vehicle=event, vehicle_ns=now).contradicts_ground(limits)
     confirm_ns = limits.confirm_limit_ns if contradicted else limits.flight_end_confirm_ns
     agreed = down and witness.down_ns is not None and now - witness.down_ns >= confirm_ns
     if agreed and witness.flight == "armed":
@@ -276,8 +284,14 @@ def _in_the_air(witness: Witness, event: Any, changes: Dict[str, Any], state: En
     changes["aloft"] = witness.aloft + 1 if flies else 0
     if flies and (witness.flight != "none" or (event.armed is True and state.state is State.LAND)):
         changes.update(flight="armed", airborne=witness.airborne or witness.aloft > 0)  # one status is not believed
+    flew = flies and witness.aloft > 0
+    if flew and changes.get("flight", witness.flight) == "armed":
+        changes["flew"] = True
     ours = state.state is State.LAND and event.armed is True
-    if ours and flies and witness.aloft > 0 and witness.recording in _BEHIND:
+    if ours and flew and witness.recording in _BEHIND:
+        changes["flown_on"] = True
+    recorder = witness.recorder
+    if flew and event.armed is True and state.state in _FLIGHT and recorder is not None and recorder.phase in _ENDED:
         changes["flown_on"] = True
 
 
@@ -432,6 +446,8 @@ def _planner(
 ) -> None:
     if event.session_id and event.session_id == witness.session:
         changes.update(planner=event, planner_ns=now)
+        if witness.flight != "none" and event.t_ns > witness.flight_ns and event.waypoint > 0 and event.phase in _FLEW:
+            changes["flew"] = True
         changes["idle_ns"] = _idle_since(witness, event, witness.vehicle, now, limits, state)
         changes["stalled_ns"] = _stalled_since(evolve(witness, now=now), event, limits)
         status = witness.vehicle
@@ -471,8 +487,6 @@ def _check_reply(witness: Witness, event: Any, now: int, changes: Dict[str, Any]
 def _reply(witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: Any) -> None:
     if witness.load is not None and event.command_id == witness.load.id:
         changes["load"] = witness.load._replace(outcome=event.outcome)
-    if event.command_id == witness.motion_id:
-        changes["motion_outcome"] = event.outcome
 
 
 def _started(
@@ -500,12 +514,6 @@ def _shutdown(_witness: Witness, _event: Any, _now: int, changes: Dict[str, Any]
     changes["shutting_down"] = True
 
 
-def _asks(_witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: Any) -> None:
-    """A person has in mind what is flown next: selects it, or says that it goes on."""
-    if not isinstance(event, ev.UserRequest) or event.command in (ev.UserCommand.RETRY, ev.UserCommand.GO):
-        changes["unasked"] = False
-
-
 def _tick(
     _witness: Witness, event: Any, _now: int, changes: Dict[str, Any], _state: EngineState, limits: Limits
 ) -> None:
@@ -523,21 +531,21 @@ _READ: Dict[type, Any] = {
     ev.ClockStatus: _clock,
     ev.EngineStarted: _started,
     ev.LandedStatus: _landed,
-    ev.MissionSelected: _asks,
     ev.MissionStatus: _planner,
     ev.RecordingStatus: _recorder,
     ev.Reply: _reply,
     ev.Shutdown: _shutdown,
     ev.Tick: _tick,
-    ev.UserRequest: _asks,
     ev.WatchdogAction: _action,
     ev.WatchdogInfo: _info,
 }
 
 
-def hear(witness: Witness, commands: Tuple[Any, ...], after: EngineState) -> Witness:
-    """Return what is known once the engine's commands are heard and its new place is seen."""
+def hear(witness: Witness, event: ev.Event, commands: Tuple[Any, ...], after: EngineState) -> Witness:
+    """Return what is known once the engine's commands are heard, behind an event, and its new place is seen."""
     changes: Dict[str, Any] = {}
+    if _goes_on(event) and any(isinstance(each, Answer) and each.answer is AnswerKind.DONE for each in commands):
+        changes["unasked"] = False
     identities = [command.id for command in commands if isinstance(command, Request)]
     if identities:
         changes["last_id"] = max(witness.last_id, *identities)
@@ -547,6 +555,12 @@ def hear(witness: Witness, commands: Tuple[Any, ...], after: EngineState) -> Wit
             reader(witness, command, changes)
     _shown(witness, after, changes)
     return evolve(witness, **changes) if changes else witness
+
+
+def _goes_on(event: ev.Event) -> bool:
+    """Return True where a person has in mind what is flown next: selects it, or says that it goes on."""
+    goes_on = (ev.UserCommand.RETRY, ev.UserCommand.GO)
+    return isinstance(event, ev.MissionSelected) or (isinstance(event, ev.UserRequest) and event.command in goes_on)
 
 
 def _shown(witness: Witness, after: EngineState, changes: Dict[str, Any]) -> None:
@@ -562,7 +576,7 @@ def _shown(witness: Witness, after: EngineState, changes: Dict[str, Any]) -> Non
         changes["session"] = after.session.id
         changes.update(planner=None, idle_ns=None, recorder=None, growing_ns=None, load=None)
         if after.session.id:
-            changes.update(recording="none", flown_on=False)
+            changes.update(recording="none", flown_on=False, flew=False)
     if after.state is State.HOLD and after.flight.user_hold_ns is not None:
         if not witness.user_hold:
             changes["user_hold"] = True
@@ -572,7 +586,7 @@ def _shown(witness: Witness, after: EngineState, changes: Dict[str, Any]) -> Non
 
 def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
     action = command.action
-    changes.update(motion=action, motion_id=command.id, motion_ns=witness.now, motion_outcome=None)
+    changes.update(motion=action, motion_id=command.id, motion_ns=witness.now)
     if action in (MissionAction.TAKEOFF, MissionAction.RESUME):
         changes["flown"] = ""
     if action is MissionAction.HOLD and witness.planner is not None and witness.planner.phase.name == "HOLDING":

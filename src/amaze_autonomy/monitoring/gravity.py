@@ -16,7 +16,6 @@ Vector = Tuple[float, float, float]
 Matrix = Tuple[Vector, Vector, Vector]
 Quaternion = Tuple[float, float, float, float]  # x, y, z, w
 
-STANDARD_GRAVITY_M_S2 = 9.80665
 BUCKET_NS = 1_000_000_000 // 20
 _NEAR = 0.2  # a unit is recognised when the magnitude is off by less than this fraction
 PLAUSIBLE_M2_S4 = 1e12  # beyond it no sensor measures

@@ -75,19 +75,17 @@ class LandRequests:
 
     def answer(self, state: EngineState, t_ns: int, *, on: bool) -> Optional[UserRequest]:
         """Return what is to be asked of the engine now; None: nothing."""
-        mission, command = state.session.mission, _asked_in(state)
-        if not on or command is None or mission is None or mission.id in self._without:
+        mission = state.session.mission
+        if not on or not _asks_in(state) or mission is None or mission.id in self._without:
             self._again_ns = 0
             return None
         if t_ns < self._again_ns:
             return None
         self._again_ns = t_ns + _AGAIN_NS
-        return UserRequest(t_ns=t_ns, command=command, by=_NAME)
+        return UserRequest(t_ns=t_ns, command=UserCommand.LAND, by=_NAME)
 
 
-def _asked_in(state: EngineState) -> Optional[UserCommand]:
-    """Return what a switch that says land asks for: behind the go and between two files that nothing takes off."""
-    if state.state in _BEFORE_TAKEOFF:
-        return UserCommand.ABORT
+def _asks_in(state: EngineState) -> bool:
+    """Return whether a switch that says land asks for it: in flight; behind the go, and between two files, too."""
     flies = state.flight.active and state.state in _IN_FLIGHT
-    return UserCommand.LAND if flies or state.step is Step.TOUCHDOWN else None
+    return flies or state.state in _BEFORE_TAKEOFF or state.step is Step.TOUCHDOWN

@@ -12,8 +12,6 @@ from .landing import nearest_return
 from .specs import EstimateSource, LandingSpec, RangeSource
 from .state_estimation import Estimate
 
-_NORM_TOLERANCE = 0.1
-
 
 class RangeReading(NamedTuple):
     """A reading and the limits that its message says, all in its units.
@@ -32,12 +30,6 @@ class RangeReading(NamedTuple):
 def vector(value: Any) -> Vector:
     """Return x, y, z of a vector message."""
     return float(value.x), float(value.y), float(value.z)
-
-
-def orientation_of(value: Any) -> Optional[Quaternion]:
-    """Return x, y, z, w of a quaternion message; None when it is no orientation: all zero, NaN, not normalised."""
-    parts = float(value.x), float(value.y), float(value.z), float(value.w)
-    return parts if abs(sum(part * part for part in parts) - 1.0) < _NORM_TOLERANCE else None
 
 
 def range_reader(spec: LandingSpec) -> Callable[[Any], RangeReading]:

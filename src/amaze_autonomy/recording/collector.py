@@ -255,7 +255,6 @@ class Collector:
         self._since_ns = self._t_ns = 0
         self._message = ""
         self._progress: Optional[float] = None
-        self._progress_ns = 0
         self._job = False
         self._tries = 0
         self._copied = self._uncollected = False
@@ -420,7 +419,7 @@ class Collector:
         """Take the progress of the job that merges and verifies."""
         if phase is not self.phase and self.phase in _COLLECTING and phase in _COLLECTING:
             self.phase, self._since_ns = phase, t_ns
-        self._progress, self._progress_ns = fraction, t_ns
+        self._progress = fraction
 
     def job_ended(self, t_ns: int, problem: str, summary: Mapping[str, Any], *, killed: bool = False) -> None:
         """Take the end of that job: its summary, or why it failed; one that was killed is started again."""

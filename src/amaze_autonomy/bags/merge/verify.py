@@ -145,7 +145,6 @@ def _chunks_in_order(index: Index) -> bool:
 # --- what other readers say -------------------------------------------------------------------------------------------
 
 
-READERS = ("rosbags", "rosbag", "librosbag")
 _LIMIT_S = 3600
 
 _NOT_HERE = 69
