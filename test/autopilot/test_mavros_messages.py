@@ -19,6 +19,7 @@ from amaze_autonomy.autopilot.mavros.requests import (
     publication_of,
     request_of,
 )
+from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES
 from amaze_autonomy.autopilot.vehicle.battery import Battery
 from amaze_autonomy.autopilot.vehicle.client import AutopilotClient, command_long, set_mode
@@ -40,8 +41,8 @@ from amaze_autonomy.simulation.px4 import Framing
 
 S = 1_000_000_000
 SOURCES = sources_of({*WANTED, *PLANNER_MESSAGES})
-BY_TOPIC = {source.topic: source for source in SOURCES if source.makes != "ATTITUDE"}
-ATTITUDE = next(source for source in SOURCES if source.makes == "ATTITUDE")
+BY_TOPIC = {source.topic: source for source in SOURCES}
+ATTITUDE = BY_TOPIC["imu/data"]
 
 
 def convert(topic, **fields):
@@ -469,25 +470,42 @@ def test_position_and_velocity_come_together_north_east_down():
 
 
 @pytest.mark.parametrize("z, w, from_north", [(0.0, 1.0, pi / 2), (0.5**0.5, 0.5**0.5, 0.0), (1.0, 0.0, -pi / 2)])
-def test_a_pose_tells_the_heading_from_north(z, w, from_north):
-    pose = Said(pose=Said(orientation=Said(x=0.0, y=0.0, z=z, w=w)))
-    assert Converter().convert(ATTITUDE, pose).yaw == pytest.approx(from_north)
+def test_an_orientation_tells_the_heading_from_north(z, w, from_north):
+    message = Converter().convert(ATTITUDE, Said(orientation=Said(x=0.0, y=0.0, z=z, w=w)))
+    assert message.yaw == pytest.approx(from_north)
 
 
 @pytest.mark.parametrize(
     "about, roll, pitch",
     [("x", pi / 3, 0.0), ("y", 0.0, -pi / 3)],  # nose up is against y, which is to the left
 )
-def test_a_pose_tells_roll_and_pitch_as_mavlink_does(about, roll, pitch):
+def test_an_orientation_tells_roll_and_pitch_as_mavlink_does(about, roll, pitch):
     axis = {"x": 0.0, "y": 0.0, "z": 0.0, about: sin(pi / 6)}
-    message = Converter().convert(ATTITUDE, Said(pose=Said(orientation=Said(w=cos(pi / 6), **axis))))
+    message = Converter().convert(ATTITUDE, Said(orientation=Said(w=cos(pi / 6), **axis)))
     assert (message.roll, message.pitch) == (pytest.approx(roll), pytest.approx(pitch))
 
 
 @pytest.mark.parametrize("w", [0.0, nan])
-def test_a_pose_without_an_orientation_tells_no_roll_and_no_pitch(w):
-    message = Converter().convert(ATTITUDE, Said(pose=Said(orientation=Said(x=0.0, y=0.0, z=0.0, w=w))))
-    assert (str(message.roll), str(message.pitch)) == ("nan", "nan")
+def test_an_orientation_that_is_none_tells_no_attitude(w):
+    message = Converter().convert(ATTITUDE, Said(orientation=Said(x=0.0, y=0.0, z=0.0, w=w)))
+    assert [str(angle) for angle in (message.roll, message.pitch, message.yaw)] == ["nan"] * 3
+
+
+def test_the_orientation_of_a_pose_is_nobodys_word():
+    """mavros puts one into each pose: level and to the east before any ATTITUDE came, the last one after they ended."""
+    level = Said(x=0.0, y=0.0, z=0.0, w=1.0)
+    pose = Said(pose=Said(position=Said(x=1.0, y=2.0, z=3.0), orientation=level))
+    node, planner, converter = client(state("AUTO.LOITER")), VehicleWatch(), Converter()
+    asked = []
+    for number in range(1, 601):
+        t_ns = number * S // 10
+        for made in [converter.convert(each, pose) for each in SOURCES if each.topic == "local_position/pose"]:
+            node.receive(t_ns, made)
+            planner.take(t_ns, made)
+        node.receive(t_ns, converter.convert(STATE, state("AUTO.LOITER")))
+        asked += [each for each in node.wake(t_ns) if each.get_type() == "COMMAND_LONG"]
+    assert (planner.heading(t_ns, S), node.vehicle.tilt.tilt_rad(t_ns)) == (None, None)
+    assert mavlink.MAVLINK_MSG_ID_ATTITUDE in {each.param1 for each in asked}
 
 
 def test_a_place_and_its_height_come_together():

@@ -12,7 +12,7 @@ import rospy
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from mavros_definitions import COPTER_MODES, ESTIMATOR_FLAGS
 from pymavlink.dialects.v20 import common as mavlink
-from sensor_msgs.msg import NavSatFix
+from sensor_msgs.msg import Imu, NavSatFix
 from std_msgs.msg import Float64
 
 from amaze_autonomy.autopilot.vehicle.modes import mode_name, px4_number
@@ -54,13 +54,13 @@ class MavrosVehicle:
             "estimator_status": messages.EstimatorStatus,
             "local_position/pose": PoseStamped,
             "local_position/velocity_local": TwistStamped,
+            "imu/data": Imu,
             "global_position/global": NavSatFix,
             "global_position/rel_alt": Float64,
             "mission/waypoints": messages.WaypointList,
             "mission/reached": messages.WaypointReached,
             "statustext/recv": messages.StatusText,
         }
-        self._yaw = 0.0
         self._publishers = {
             topic: rospy.Publisher(f"{namespace}/{topic}", kind, queue_size=10, latch=topic == "mission/waypoints")
             for topic, kind in kinds.items()
@@ -229,15 +229,17 @@ class MavrosVehicle:
 
     def _local(self, said):
         pose, speed = PoseStamped(), TwistStamped()
-        where, orientation, linear = pose.pose.position, pose.pose.orientation, speed.twist.linear
+        where, linear = pose.pose.position, speed.twist.linear
         where.x, where.y, where.z = said.y, said.x, -said.z
-        orientation.z, orientation.w = math.sin(self._yaw / 2), math.cos(self._yaw / 2)
+        pose.pose.orientation.w = 1.0  # as of a mavros that has heard no ATTITUDE
         linear.x, linear.y, linear.z = said.vy, said.vx, -said.vz
         self._publish("local_position/velocity_local", speed)
         self._publish("local_position/pose", pose)
 
     def _attitude(self, said):
-        self._yaw = math.pi / 2 - said.yaw
+        imu, yaw_rad = Imu(), math.pi / 2 - said.yaw
+        imu.orientation.z, imu.orientation.w = math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)
+        self._publish("imu/data", imu)
 
     def _global(self, said):
         self._publish("global_position/rel_alt", Float64(said.relative_alt / 1000))

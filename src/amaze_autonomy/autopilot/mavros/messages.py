@@ -207,13 +207,17 @@ def _pose(message: Any) -> Message:
 
 
 def _attitude(message: Any) -> Message:
-    """Return an ATTITUDE of mavros' pose; unknown where its orientation is none (NaN, all zero).
+    """Return an ATTITUDE of a sensor_msgs/Imu; unknown where its orientation is none (NaN, all zero).
 
     Yaw turns from north to the east, mavros' from the east to the north; pitch is up, mavros' down (y is left).
+    `imu/data` comes with each ATTITUDE of the vehicle alone. The orientation in mavros' poses is no word of the
+    vehicle: level and to the east before its first ATTITUDE, and the last one for ever once they have ended.
     """
-    q = message.pose.orientation
+    q = message.orientation
     up = up_of_quaternion(q.x, q.y, q.z, q.w)
-    roll, pitch = (nan, nan) if up is None else (atan2(up[1], up[2]), asin(max(-1.0, min(1.0, up[0]))))
+    if up is None:
+        return mavlink.MAVLink_attitude_message(0, nan, nan, nan, nan, nan, nan)
+    roll, pitch = atan2(up[1], up[2]), asin(max(-1.0, min(1.0, up[0])))
     yaw = atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
     return mavlink.MAVLink_attitude_message(0, roll, pitch, pi / 2 - yaw, nan, nan, nan)
 
@@ -312,7 +316,7 @@ SOURCES: Tuple[Source, ...] = (
     Source("gpsstatus/gps1/raw", "mavros_msgs/GPSRAW", "GPS_RAW_INT", _gps),
     Source("local_position/pose", "geometry_msgs/PoseStamped", "LOCAL_POSITION_NED", _pose),
     _VELOCITY,
-    Source("local_position/pose", "geometry_msgs/PoseStamped", "ATTITUDE", _attitude),
+    Source("imu/data", "sensor_msgs/Imu", "ATTITUDE", _attitude),
     Source("global_position/global", "sensor_msgs/NavSatFix", "GLOBAL_POSITION_INT", _global),
     _HEIGHT,
     Source("home_position/home", "mavros_msgs/HomePosition", "HOME_POSITION", _home),
