@@ -764,6 +764,19 @@ def test_what_mavros_received_once_tells_nobody_for_ever_that_it_hears_one_vehic
     assert converter.strangers(71 * S) == ()
 
 
+@pytest.mark.parametrize("autopilot, mode", [(PX4, "AUTO.LOITER"), (ARDUPILOT, "LOITER")])
+def test_what_kind_of_vehicle_it_is_is_told_by_its_own_heartbeat(autopilot, mode):
+    """A plane's modes behind mavros have names that copters have, too."""
+    converter = Converter()
+    for kind, system, verdict in ((10, 2, Verdict.PASS), (13, 1, Verdict.PASS), (1, 1, Verdict.FAIL)):
+        beat = mavlink.MAVLink_heartbeat_message(kind, autopilot, 1, 0, 4, 3)
+        converter.note_sender(S, received(beat, system=system))
+        node = AutopilotClient(AutopilotSettings(backend="mavros"), BatterySpec(), lambda: (1, 1))
+        node.receive(S, converter.convert(STATE, state(mode)))
+        found = next(each for each in node.rows(S, None) if each.name == "autopilot link")
+        assert (found.verdict, "no multicopter" in found.advice) == (verdict, verdict is Verdict.FAIL)
+
+
 def test_whether_the_vehicle_is_armed_is_told_by_its_own_heartbeat():
     converter = Converter()
     vehicle = Vehicle(converter)

@@ -562,6 +562,28 @@ def test_nothing_is_loaded_into_a_vehicle_that_flies_or_is_silent():
     assert flying.command(A.LAND) == ""
 
 
+@EACH
+@BOTH
+def test_what_is_no_multicopter_is_given_no_mission_and_does_not_take_off(mission, kind):
+    """A plane's autopilot numbers its modes otherwise: what lands a copter is another mode there."""
+    flying = Flying(kind=kind)
+    assert flying.load(mission).accepted
+    wake = flying.vehicle.wake
+
+    def as_plane(t_ns):
+        said = wake(t_ns)
+        for message in said:
+            if message.get_type() == "HEARTBEAT":
+                message.type = mavlink.MAV_TYPE_FIXED_WING
+        return said
+
+    flying.vehicle.wake = as_plane
+    flying.run(1500 * MS)
+    words = "the vehicle says that it is no multicopter (MAV_TYPE_FIXED_WING)"
+    assert (flying.command(A.TAKEOFF), refused(flying, "s1", mission, 0, 0)) == (words, words)
+    assert flying.command(A.LAND) == ""
+
+
 def test_a_position_that_the_estimator_disowns_is_none():
     flying = Flying()
     flying.planner.watch.estimator = 0

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from amaze_autonomy.autopilot.vehicle.asked import Parameters, ParameterState, Rates
 from amaze_autonomy.autopilot.vehicle.battery import Battery, BatteryReading
 from amaze_autonomy.autopilot.vehicle.client import AutopilotClient
-from amaze_autonomy.autopilot.vehicle.modes import Control, Heartbeat, mode_name, mode_number, px4_number
+from amaze_autonomy.autopilot.vehicle.modes import Control, Heartbeat, kind_problem, mode_name, mode_number, px4_number
 from amaze_autonomy.autopilot.vehicle.position import Place, Position
 from amaze_autonomy.autopilot.vehicle.texts import Text, Texts
 from amaze_autonomy.autopilot.vehicle.vehicle import (
@@ -26,6 +26,7 @@ from amaze_autonomy.autopilot.vehicle.vehicle import (
     gps_health,
 )
 from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.events import Verdict
 from amaze_autonomy.monitoring.battery import PackVolts
 from amaze_autonomy.monitoring.specs import BatterySpec
 
@@ -419,6 +420,33 @@ def test_modes_have_px4_s_names(autopilot, number, name):
 def test_a_submarine_s_modes_have_numbers_of_their_own(number, name):
     said = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_SUBMARINE, ARDUPILOT, 0, number, 4, 3)
     assert Heartbeat.of(0, said).mode == name
+
+
+@pytest.mark.parametrize(
+    "kind, problem",
+    [
+        *[(kind, "") for kind in (2, 3, 4, 13, 14, 15, 29, 35, 43)],
+        (0, "the vehicle says that it is no multicopter (MAV_TYPE_GENERIC)"),
+        (1, "the vehicle says that it is no multicopter (MAV_TYPE_FIXED_WING)"),
+        (10, "the vehicle says that it is no multicopter (MAV_TYPE_GROUND_ROVER)"),
+        (12, "the vehicle says that it is no multicopter (MAV_TYPE_SUBMARINE)"),
+        (21, "the vehicle says that it is no multicopter (MAV_TYPE_VTOL_TILTROTOR)"),
+        (250, "the vehicle says that it is no multicopter (MAV_TYPE 250)"),
+    ],
+)
+def test_multicopters_alone_are_flown(kind, problem):
+    assert kind_problem(kind) == problem
+
+
+@pytest.mark.parametrize("autopilot, mission", [(PX4, 4 << 24 | 4 << 16), (ARDUPILOT, 3)])
+@pytest.mark.parametrize("kind, verdict", [(13, Verdict.PASS), (1, Verdict.FAIL), (22, Verdict.FAIL)])
+def test_what_is_no_multicopter_does_not_take_off_and_may_be_landed(autopilot, mission, kind, verdict):
+    node = AutopilotClient(AutopilotSettings(), BatterySpec(), lambda: (1, 1))
+    for t_ns in (S, 2 * S):
+        node.receive(t_ns, mavlink.MAVLink_heartbeat_message(kind, autopilot, 129, mission, 4, 3))
+    row = next(each for each in node.rows(2 * S, None) if each.name == "autopilot link")
+    assert (row.verdict, row.advice, row.heals) == (verdict, kind_problem(kind), False)
+    assert node.land(2 * S)[0].accepted
 
 
 def test_modes_have_numbers_to_command_them():

@@ -4,7 +4,8 @@ So one client serves both ways to the vehicle. The table at the end: topic below
 The names of modes are turned back into numbers, and tell whose they are (`Behind`). Whether ArduPilot has a position is
 in EKF_STATUS_REPORT alone, of which mavros makes no topic, and what an autopilot thinks of its battery in the charge
 state of BATTERY_STATUS, which mavros' topic leaves out: both are taken from `mavlink/from`, all that mavros receives.
-So is where an ArduPilot's home and the origin of its local frame are on the earth, and who says our vehicle's id.
+So is where an ArduPilot's home and the origin of its local frame are on the earth, who says our vehicle's id, and what
+kind of vehicle it is.
 """
 
 from __future__ import annotations
@@ -61,6 +62,7 @@ class Behind:
 
     def __init__(self) -> None:
         self.autopilot = _UNKNOWN_AUTOPILOT
+        self.vehicle = int(mavlink.MAV_TYPE_QUADROTOR)  # until its own heartbeat is received: no topic says it
         self._others = 0
 
     def add(self, message: Any) -> None:
@@ -82,15 +84,15 @@ class Behind:
         return f"mavros says mode {message.mode!r}, which is {kind}: whoever chose it has control"
 
 
-def _state(message: Any, autopilot: int) -> Message:
+def _state(message: Any, behind: Behind) -> Message:
     """Return the HEARTBEAT of a mavros_msgs/State; a mode that is not the autopilot's is none that we know."""
-    number = mavros_number(autopilot, message.mode)
+    number = mavros_number(behind.autopilot, message.mode)
     base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
     if message.armed:
         base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_QUADROTOR,
-        autopilot,
+        behind.vehicle,
+        behind.autopilot,
         base,
         _NO_MODE if number is None else number,
         message.system_status,
@@ -362,6 +364,7 @@ class Converter:
         armed = None
         if told is not None and told.get_type() == "HEARTBEAT":
             armed = bool(told.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            self.behind.vehicle = int(told.type)
         ours = self.sources.take(t_ns, _PLACE, message.seq, getattr(told, "time_boot_ms", None), armed=armed)
         if ours and armed is not None:
             self.sources.armed = armed
@@ -423,4 +426,4 @@ class Converter:
         if not message.connected:
             return None
         self.behind.add(message)
-        return _state(message, self.behind.autopilot)
+        return _state(message, self.behind)

@@ -180,7 +180,8 @@ class Loading:
         It was checked for a vehicle that stood disarmed where it was loaded.
         """
         watch, spec = self._readiness.watch, self._readiness.spec
-        return not_down(watch, t_ns, spec.vehicle_age_limit_ns) or self._carried(t_ns) or self._turned(t_ns)
+        not_ready = not_down(watch, t_ns, spec.vehicle_age_limit_ns) or watch.kind_problem
+        return not_ready or self._carried(t_ns) or self._turned(t_ns)
 
     def _turned(self, t_ns: int) -> str:
         if self._plan is None or self._plan.frame is not Frame.START_HEADING:
@@ -292,7 +293,7 @@ class Loading:
             return f"{self._readiness.landing}: the vehicle is being disarmed"
         if self._readiness.late:
             return self._readiness.late
-        return not_down(watch, t_ns, limit_ns)
+        return not_down(watch, t_ns, limit_ns) or watch.kind_problem
 
     def _problem_of_place(self, t_ns: int) -> str:
         plan = self._plan

@@ -16,7 +16,7 @@ from amaze_autonomy.missions import Place, PlannerSpec
 from ..link.dialect import Message, mavlink, source_of
 from ..vehicle.agreement import Agreement, Ground, PowerOn
 from ..vehicle.client import asked_rates_hz
-from ..vehicle.modes import LAND, Control, Heartbeat, is_foreign, is_piloted, mode_name, mode_number
+from ..vehicle.modes import LAND, Control, Heartbeat, is_foreign, is_piloted, kind_problem, mode_name, mode_number
 from ..vehicle.texts import Texts
 from ..vehicle.vehicle import SystemStatus
 from .mission_upload import Dialect
@@ -259,6 +259,11 @@ class VehicleWatch:
     def keeps_mode(self) -> bool:
         """True while messages agree on the mode that it is in."""
         return self._same_mode.lasts(self.limits.pilot_confirm_ns)
+
+    @property
+    def kind_problem(self) -> str:
+        """Why this kind of vehicle is not flown, in words; empty: it is a multicopter, or was not heard."""
+        return "" if self.control.beat is None else kind_problem(self.control.beat.vehicle)
 
     @property
     def dialect(self) -> Dialect:

@@ -101,6 +101,30 @@ NEVER_OURS: FrozenSet[str] = frozenset(
 )
 
 
+MULTICOPTERS: FrozenSet[int] = frozenset(
+    {
+        mavlink.MAV_TYPE_QUADROTOR,
+        mavlink.MAV_TYPE_COAXIAL,
+        mavlink.MAV_TYPE_HELICOPTER,
+        mavlink.MAV_TYPE_HEXAROTOR,
+        mavlink.MAV_TYPE_OCTOROTOR,
+        mavlink.MAV_TYPE_TRICOPTER,
+        mavlink.MAV_TYPE_DODECAROTOR,
+        35,  # decarotor; older releases of pymavlink have neither name
+        43,  # generic multirotor
+    }
+)
+"""What is flown. Planes, rovers and submarines number their modes otherwise, and a VTOL may glide."""
+
+
+def kind_problem(vehicle: int) -> str:
+    """Return why a MAV_TYPE is not flown, in words; empty: it is a multicopter."""
+    if vehicle in MULTICOPTERS:
+        return ""
+    known = mavlink.enums["MAV_TYPE"].get(vehicle)
+    return f"the vehicle says that it is no multicopter ({known.name if known else f'MAV_TYPE {vehicle}'})"
+
+
 def is_piloted(mode: str) -> bool:
     """Return whether a mode is one that pilots choose; one that nobody knows (`MODE.n`) was not chosen by us either."""
     return mode in MANUAL_MODES or mode.startswith(_UNKNOWN)

@@ -17,6 +17,7 @@ from ..link.dialect import mavlink
 from ..link.peers import HEAR_ONE_ALONE
 from .asked import ParameterState
 from .battery import CHARGING, LOW, OK, STATE_NAMES
+from .modes import kind_problem
 from .vehicle import VehicleState
 
 _S = 1_000_000_000
@@ -89,9 +90,10 @@ def _is_ardupilot(known: Preflight) -> bool:
 def _link(known: Preflight) -> Check:
     limit = known.settings.limits.link_age_limit_ns / _S
     heard = "" if known.connected else "the autopilot is not heard: check cable, port and baud rate"
-    advice = heard or (_NOBODYS if _is_nobodys(known) else "")
+    comes, beat = heard or (_NOBODYS if _is_nobodys(known) else ""), known.vehicle.beat
+    advice = comes or ("" if beat is None else kind_problem(beat.vehicle))
     verdict = Verdict.FAIL if advice else Verdict.PASS
-    return Check("autopilot link", verdict, known.age_s, limit, "s", known.age_s, advice, heals=bool(advice))
+    return Check("autopilot link", verdict, known.age_s, limit, "s", known.age_s, advice, heals=bool(comes))
 
 
 def _is_nobodys(known: Preflight) -> bool:
