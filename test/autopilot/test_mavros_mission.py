@@ -7,7 +7,7 @@ from types import SimpleNamespace as Said
 import pytest
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
-from amaze_autonomy.autopilot.mavros.requests import MavrosMission
+from amaze_autonomy.autopilot.mavros.requests import QUIET, MavrosMission
 from amaze_autonomy.autopilot.planner.held import HeldMission
 from amaze_autonomy.autopilot.planner.mission_upload import Dialect, MissionItem, MissionUpload, UploadPhase
 
@@ -44,8 +44,8 @@ class Mavros:
     def publish(self, waypoints=None):
         self.give(self.mission.listed(Said(current_seq=self.current, waypoints=waypoints or self.vehicle)))
 
-    def serve(self, *, works=True, list_first=True):
-        """Answer the oldest request."""
+    def serve(self, *, works=True, list_first=True, quiet=True):
+        """Answer the oldest request; then mavros is quiet for a while."""
         request = self.waiting.pop(0)
         self.called.append(request.service)
         answer = None
@@ -54,6 +54,11 @@ class Mavros:
         self.give(self.mission.answered(request, answer))
         if works and request.kind == "WaypointPull" and not list_first:
             self.publish()
+        self.wake(QUIET if quiet else 0)
+
+    def wake(self, times, *, read=True):
+        for _ in range(times):
+            self.give(self.mission.wake(read=read))
 
     def push(self, fields, **_):
         self.vehicle = tuple(Said(**each) for each in fields["waypoints"])
@@ -149,6 +154,60 @@ def test_a_list_that_mavros_keeps_from_before_is_not_taken_for_the_vehicles():
     assert mavros.upload.phase is UploadPhase.LIST
     mavros.serve()
     assert mavros.upload.phase is UploadPhase.CURRENT
+
+
+@pytest.mark.parametrize("late", [1, QUIET - 1])
+def test_the_list_of_a_push_that_comes_behind_the_answer_of_the_pull_is_not_taken_for_the_vehicles(late):
+    """mavros answers before it publishes, by another connection: of a push, what was pushed."""
+    mavros = begin()
+    mavros.serve()
+    pushed = mavros.vehicle
+    mavros.vehicle = tuple(Said(**vars(each)) for each in pushed)
+    mavros.vehicle[2].z_alt = 9.0
+    mavros.pull = lambda _, **__: Said(success=True, wp_received=4)
+    mavros.serve(quiet=False)
+    mavros.wake(late)
+    mavros.publish(pushed)
+    mavros.wake(late)
+    assert (mavros.upload.phase, mavros.upload.reason) == (UploadPhase.LIST, "")
+    mavros.publish()
+    mavros.wake(QUIET)
+    assert mavros.upload.reason == "item 2 came back with z 9 instead of 4"
+
+
+def test_what_a_node_that_stood_still_has_not_read_yet_may_be_the_list_of_the_pull():
+    mavros = begin()
+    mavros.serve()
+    mavros.serve(quiet=False)
+    mavros.wake(10 * QUIET, read=False)
+    mavros.wake(QUIET - 1)
+    assert mavros.upload.phase is UploadPhase.LIST
+    mavros.wake(1)
+    assert mavros.upload.phase is UploadPhase.CURRENT
+
+
+def test_a_mission_whose_list_does_not_come_is_pulled_again():
+    mavros = begin()
+    mavros.serve()
+    mavros.pull = lambda _, **__: Said(success=True, wp_received=4)
+    mavros.serve()
+    del mavros.pull
+    mavros.wait(0.5)
+    mavros.serve()
+    assert mavros.upload.phase is UploadPhase.CURRENT
+    assert mavros.called == ["mission/push", "mission/pull", "mission/pull"]
+
+
+def test_a_reading_that_begins_while_the_list_of_the_one_before_is_waited_for_pulls_at_once():
+    held, mavros = held_mission()
+    mavros.serve(quiet=False)
+    mavros.wait(0.1)
+    held.resume(mavros.t_ns)
+    mavros.wait(0.1)
+    assert [request.service for request in mavros.waiting] == ["mission/pull"]
+    assert not held.over
+    mavros.serve()
+    assert held.over
 
 
 def test_a_slow_push_is_not_made_twice():

@@ -305,6 +305,21 @@ def test_what_is_commanded_has_a_connection_that_stays_open(link, services):
     assert services.called == []
 
 
+@pytest.mark.live
+def test_the_mission_is_woken_as_the_client_is(link):
+    """A pull is over once mavros has been quiet for a while."""
+    count, given = mavlink.MAVLink_mission_count_message(0, 0, 4), []
+    woken = threading.Event()
+    link._answer = lambda message: given.append(message) or woken.set()
+    link._mission.wake = lambda *, read: [count] if read else []
+    thread = threading.Thread(target=link._wake)
+    thread.start()
+    assert woken.wait(LIMIT_S)
+    link._ended.set()
+    thread.join(LIMIT_S)
+    assert count in given
+
+
 # --- who is heard -----------------------------------------------------------------------------------------------------
 
 

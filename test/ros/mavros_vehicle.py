@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import math
 import struct
 import threading
@@ -21,7 +22,7 @@ from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 from amaze_autonomy.simulation.px4 import Craft, Framing, Px4
 from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings, VehicleSettings
 
-_LIMIT_S = 5.0
+_LIMIT_S, _LATE_S = 5.0, 0.005
 
 
 class MavrosVehicle:
@@ -145,7 +146,7 @@ class MavrosVehicle:
         self.called.append("push")
         with self.lock:
             self._heard = [each for each in self._heard if not each.get_type().startswith("MISSION_")]
-        waypoints = request.waypoints
+        waypoints, pushed = request.waypoints, copy.deepcopy(request.waypoints)
         if self.spoils:
             self.spoils -= 1
             waypoints[1].z_alt += 1.0
@@ -155,8 +156,8 @@ class MavrosVehicle:
                 return self._services.WaypointPushResponse(success=False, wp_transfered=number)
             self._send(_item(each, number))
         ack = self._wait("MISSION_ACK")
-        self._waypoints = tuple(waypoints)
-        self._publish_waypoints()
+        self._waypoints = tuple(pushed)
+        self._publish_behind_the_answer()
         return self._services.WaypointPushResponse(success=ack.type == 0, wp_transfered=len(waypoints))
 
     def pull(self, _):
@@ -167,7 +168,7 @@ class MavrosVehicle:
             self._send(mavlink.MAVLink_mission_request_int_message(1, 1, number))
             found.append(self._waypoint(self._wait("MISSION_ITEM_INT", seq=number)))
         self._waypoints = tuple(found)
-        self._publish_waypoints()
+        self._publish_behind_the_answer()
         return self._services.WaypointPullResponse(success=True, wp_received=len(found))
 
     def set_current(self, request):
@@ -212,6 +213,11 @@ class MavrosVehicle:
 
     def _publish_waypoints(self):
         self._publish("mission/waypoints", self._messages.WaypointList(self._current, list(self._waypoints)))
+
+    def _publish_behind_the_answer(self):
+        """Publish in a thread of its own, as mavros does: whoever called has the answer first."""
+        late = self._messages.WaypointList(self._current, list(self._waypoints))
+        threading.Timer(_LATE_S, self._publish, ("mission/waypoints", late)).start()
 
     def _heartbeat(self, said):
         state = self._messages.State(connected=True, armed=bool(said.base_mode & 128))

@@ -153,11 +153,12 @@ def publication_of(message: Message) -> Optional[Publication]:
 # `MissionUpload` speaks to it as to a vehicle. Items are asked for at once and pushed together; reading back is a
 # pull, which makes mavros read the vehicle's own mission again, and the list that it publishes then. While a push or
 # a pull is under way nothing is answered: whoever asks, asks again. A pull that is given up answers nobody: what it
-# brings may be from before the next one asks. mavros leaves the items as they are: ArduPilot's item 0, home, is pushed
-# and pulled with the others.
+# brings may be from before the next one asks. mavros answers a call before it publishes the list, and of a push what
+# was pushed: read is the last list, once none has come for 0.3 s behind the pull's answer. mavros leaves the items as
+# they are: ArduPilot's item 0, home, is pushed and pulled with the others.
 #
 #     MISSION_COUNT, MISSION_ITEM_INT   ->  mission/push         ->  MISSION_ACK
-#     MISSION_REQUEST_LIST              ->  mission/pull         ->  MISSION_COUNT, when mission/waypoints has come
+#     MISSION_REQUEST_LIST              ->  mission/pull         ->  MISSION_COUNT of the last mission/waypoints
 #     MISSION_ACK that cancels          ->  the answer of the mission/pull that is under way counts no more
 #     MISSION_REQUEST_INT               <-  mission/waypoints
 #     MISSION_SET_CURRENT               ->  mission/set_current
@@ -167,6 +168,8 @@ def publication_of(message: Message) -> Optional[Publication]:
 
 _RELATIVE = 3  # mavros' name of both relative frames; it makes integers of the places by itself
 _DEG7 = 1e7
+QUIET = 6
+"""Wakes of the link, 20 a second, for which no list comes behind the answer of a pull."""
 
 
 class Taken(NamedTuple):
@@ -185,7 +188,8 @@ class MavrosMission:
         self._busy = ""
         self._stale = False  # who asked for the pull that is under way has given it up
         self._listed: Optional[Tuple[Any, ...]] = None
-        self._pulled: Optional[int] = None
+        self._pulled = 0  # items, as the answer says
+        self._quiet = 0  # wakes that are left
 
     def take(self, message: Message) -> Optional[Taken]:
         """Take a message of the protocol; None: it is none."""
@@ -199,23 +203,33 @@ class MavrosMission:
             good = answer is not None and answer.success and answer.wp_transfered == self._count
             return [_ack(mavlink.MAV_MISSION_ACCEPTED if good else mavlink.MAV_MISSION_ERROR)]
         if request.service == _PULL:
-            self._busy = ""
-            if self._stale:
-                return []
-            self._pulled = answer.wp_received if answer is not None and answer.success else None
-            return self._count_of_pull() if self._pulled is not None else [_ack(mavlink.MAV_MISSION_ERROR)]
+            return self._answered_pull(answer)
         return []
+
+    def _answered_pull(self, answer: Any) -> List[Message]:
+        good = answer is not None and answer.success
+        if good and not self._stale:
+            self._pulled, self._quiet = answer.wp_received, QUIET
+            return []
+        self._busy = ""
+        return [] if self._stale else [_ack(mavlink.MAV_MISSION_ERROR)]
 
     def listed(self, message: Any) -> List[Message]:
         """Take a WaypointList: what the vehicle has, as far as mavros knows, and where it is in it."""
         self._listed = tuple(message.waypoints)
-        return [mavlink.MAVLink_mission_current_message(message.current_seq), *self._count_of_pull()]
+        self._quiet = QUIET if self._quiet else 0
+        return [mavlink.MAVLink_mission_current_message(message.current_seq)]
 
-    def _count_of_pull(self) -> List[Message]:
-        """Return the count once both have come, the answer of the pull and its list, in whatever order."""
-        if self._pulled is None or self._listed is None or len(self._listed) != self._pulled:
+    def wake(self, *, read: bool = True) -> List[Message]:
+        """Look whether a pull is over, 20 times a second; a list may wait in the socket of a node that has not read."""
+        if not self._quiet or not read:
             return []
-        self._pulled = None
+        self._quiet -= 1
+        if self._quiet:
+            return []
+        self._busy = ""
+        if self._listed is None or len(self._listed) != self._pulled:
+            return []
         return [mavlink.MAVLink_mission_count_message(0, 0, len(self._listed))]
 
     # --- messages of the client -----------------------------------------------------------------------------------
@@ -239,7 +253,7 @@ class MavrosMission:
     def _list(self, _: Message) -> Taken:
         if self._busy:
             return Taken()
-        self._listed = self._pulled = None
+        self._listed = None
         return self._call(Request(_PULL, {}, 0, Lane.MISSION))
 
     def _call(self, request: Request) -> Taken:
@@ -259,6 +273,8 @@ class MavrosMission:
         """Take the end of a transfer, which mavros acknowledges by itself; one that is given up may be a pull's."""
         cancelled = message.type == mavlink.MAV_MISSION_OPERATION_CANCELLED
         self._stale = self._stale or (cancelled and self._busy == _PULL)
+        if self._stale and self._quiet:
+            self._busy, self._quiet = "", 0
         return Taken()
 
 

@@ -236,6 +236,8 @@ class MavrosLink(ClientHost):
             read = woke_s - before_s < 2 * _WAKE_S  # nobody sees whether rospy has read all: it has had the time
             with self._changed:
                 self._tell(functools.partial(self._client.wake, self._now_ns(), read=read))
+                for message in self._mission.wake(read=read):
+                    self._answer(message)
                 self._announce()
 
     def _transmit(self, messages: Iterable[Message]) -> None:
