@@ -100,13 +100,40 @@ def test_an_ardupilot_is_known_by_the_names_of_its_modes(said, mode):
     assert (beat, problem) == (Heartbeat(0, armed=True, mode=mode, status=5, autopilot=ARDUPILOT), "")
 
 
-@pytest.mark.parametrize("said, mode", [("CMODE(21)", "AUTO.RTL"), ("CMODE(24)", "POSCTL"), ("ACRO", "ACRO")])
-def test_numbers_that_mavros_has_no_name_for_are_read_once_it_is_an_ardupilot(said, mode):
-    beat, problem = beats(state("AUTO"), state(said))
-    assert (beat.mode, beat.autopilot, problem) == (mode, ARDUPILOT, "")
+@pytest.mark.parametrize(
+    "before, said, mode, autopilot",
+    [
+        ("AUTO", "CMODE(21)", "AUTO.RTL", ARDUPILOT),
+        ("AUTO", "CMODE(24)", "POSCTL", ARDUPILOT),
+        ("AUTO", "CMODE(9)", "AUTO.LAND", ARDUPILOT),
+        ("AUTO", "CMODE(0)", "STABILIZED", ARDUPILOT),
+        ("AUTO", "CMODE(28)", "MODE.28", ARDUPILOT),
+        ("AUTO", "ACRO", "ACRO", ARDUPILOT),
+        ("OFFBOARD", "CMODE(67371008)", "AUTO.MISSION", PX4),
+        ("OFFBOARD", "CMODE(393216)", "OFFBOARD", PX4),
+        ("OFFBOARD", "CMODE(184811520)", "MODE.4.11", PX4),
+    ],
+)
+def test_numbers_that_mavros_has_no_name_for_are_read_once_the_autopilot_is_known(before, said, mode, autopilot):
+    beat, problem = beats(state(before), state(said))
+    assert (beat.mode, beat.autopilot, problem) == (mode, autopilot, "")
 
 
-@pytest.mark.parametrize("said", ["CMODE(25)", "CMODE(9)", "CMODE(0)", "MODE(0x00)", "SURFACE", "OFFBOARD", ""])
+@pytest.mark.parametrize("flies, number", [("AUTO.MISSION", 4 << 24 | 4 << 16), ("AUTO", 3)])
+def test_a_mavros_that_was_started_again_in_flight_is_no_pilot(flies, number):
+    """It names the mode before it knows the autopilot: its first state has the number alone."""
+    gone, back = state("", connected=False), state(f"CMODE({number})", armed=True)
+    node, converter = client(state(flies, armed=True)), Converter()
+    for t_s, said in ((1, state(flies, armed=True)), (2, gone), (5, back)):
+        made = converter.convert(STATE, said)
+        if made is not None:
+            node.receive(t_s * S, made)
+    answer, messages = node.land(5 * S)
+    assert (node.vehicle.control.pilot, node.vehicle.beat.mode, answer.accepted) == (False, "AUTO.MISSION", True)
+    assert len(messages) == 1
+
+
+@pytest.mark.parametrize("said", ["CMODE()", "CMODE(x)", "MODE(0x00)", "SURFACE", "OFFBOARD", ""])
 @pytest.mark.parametrize("armed", [True, False])
 def test_a_mode_that_nobody_knows_keeps_the_autopilot_and_is_none_of_ours(said, armed):
     beat, problem = beats(state("AUTO", armed=armed), state(said, armed=armed))
@@ -148,8 +175,7 @@ def test_only_acro_is_a_mode_of_both():
 def test_names_and_numbers_of_mavros_are_one_table():
     for number in range(256):
         name = mavros_name(ARDUPILOT, number)
-        known = mode_name(ARDUPILOT, number) != f"MODE.{number}" or number == 19  # AVOID_ADSB
-        assert mavros_number(ARDUPILOT, name) == (number if known else None)
+        assert mavros_number(ARDUPILOT, name) == number
 
 
 def test_without_a_vehicle_behind_mavros_nothing_is_learnt():

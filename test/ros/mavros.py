@@ -248,8 +248,10 @@ class TestMavros(unittest.TestCase):
         self.wait(lambda said: said.mode == "POSCTL" and said.pilot_in_control, "its pilot")
         self.assertIn("the pilot has control", self.call("land").message)
         self.mavros.mode = "CMODE(25)"
+        self.wait(lambda said: said.mode == "MODE.25" and said.pilot_in_control, "a mode that has a number alone")
+        self.mavros.mode = "SURFACE"
         self.wait(lambda said: said.mode == "MODE.255" and said.pilot_in_control, "a mode that is nobody's")
-        wait_for(lambda: "mavros says mode 'CMODE(25)', which is none of ArduPilot's" in self.node.log, "the words")
+        wait_for(lambda: "mavros says mode 'SURFACE', which is none of ArduPilot's" in self.node.log, "the words")
         self.assertEqual(self.node.log.count("mavros says"), 1)
         self.assertEqual([name for name in self.mavros.asked if isinstance(name, str)], [])
 

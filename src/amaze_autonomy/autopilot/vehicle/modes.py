@@ -7,6 +7,7 @@ modes otherwise: 9 is SURFACE there, not LAND.
 
 from __future__ import annotations
 
+import re
 from typing import FrozenSet, Mapping, NamedTuple, Optional, Tuple
 
 from ..link.dialect import Message, mavlink
@@ -164,6 +165,12 @@ def mode_number(autopilot: int, name: str) -> Optional[Tuple[int, int]]:
 
 
 # --- mavros' names ----------------------------------------------------------------------------------------------------
+# mavros says the number alone, CMODE(n), of a mode that it has no name for, and of any mode in its first state, which
+# it makes before it knows the autopilot.
+
+
+_BOTH = (int(mavlink.MAV_AUTOPILOT_PX4), int(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA))
+_NUMBER = re.compile(r"CMODE\((\d+)\)", re.ASCII)
 
 
 def mavros_name(autopilot: int, custom_mode: int) -> str:
@@ -175,7 +182,10 @@ def mavros_name(autopilot: int, custom_mode: int) -> str:
 
 
 def mavros_number(autopilot: int, name: str) -> Optional[int]:
-    """Return the mode of a heartbeat that mavros calls so; None: this autopilot has no such."""
+    """Return the mode of a heartbeat that mavros calls so; None: this autopilot has no such, or is not known."""
+    alone = _NUMBER.fullmatch(name)
+    if alone is not None:
+        return int(alone[1]) if autopilot in _BOTH else None
     if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
         return next((number for number, said, _ in _ARDUPILOT if said == name), None)
     known = px4_number(name)
@@ -184,11 +194,8 @@ def mavros_number(autopilot: int, name: str) -> Optional[int]:
 
 def autopilot_of(name: str) -> Optional[int]:
     """Return whose mode mavros calls so; None: both have it (ACRO), nobody has, or it is a number."""
-    if name.startswith("CMODE("):
-        return None
-    both = (mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
-    found = [autopilot for autopilot in both if mavros_number(autopilot, name) is not None]
-    return int(found[0]) if len(found) == 1 else None
+    found = [autopilot for autopilot in _BOTH if mavros_number(autopilot, name) is not None]
+    return found[0] if len(found) == 1 else None
 
 
 # --- who has control --------------------------------------------------------------------------------------------------
