@@ -46,7 +46,15 @@ ATTITUDE = BY_TOPIC["imu/data"]
 
 
 def convert(topic, **fields):
-    return Converter().convert(BY_TOPIC[topic], Said(**fields))
+    return unreceived().convert(BY_TOPIC[topic], Said(**fields))
+
+
+def unreceived():
+    """Return a converter that nothing of what mavros receives comes to, for so long that its topics count."""
+    converter = Converter()
+    for _ in range(5):
+        converter.convert(STATE, state("AUTO.LOITER"))
+    return converter
 
 
 def test_a_state_is_a_heartbeat_with_the_same_mode():
@@ -354,6 +362,13 @@ def received(message, *, system=1, framing=1, sequence=0):
     )
 
 
+def of_received(converter, message, *, component=1):
+    """Return what is made of a message of our vehicle's system that mavros has received."""
+    said = Said(**{**vars(received(message)), "compid": component})
+    converter.note_sender(S, said)
+    return converter.convert(RECEIVED, said)
+
+
 def report(flags, airspeed=0.0):
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.2, 0.3, 0.4, 0.5, airspeed)
 
@@ -404,21 +419,34 @@ def test_the_judgement_of_a_battery_is_taken_from_what_mavros_receives_and_its_t
     ardupilot, converter = client(state("GUIDED", armed=True)), Converter()
     topic = Said(location="id0", voltage=9.0, cell_voltage=[3.0] * 3, current=-39.3, percentage=0.87)
     for number in range(8):
-        for made in (
-            converter.convert(RECEIVED, received(pack(CRITICAL))),
-            converter.convert(BY_TOPIC["battery"], topic),
-        ):
+        for made in (of_received(converter, pack(CRITICAL)), converter.convert(BY_TOPIC["battery"], topic)):
             if made is not None:
                 ardupilot.receive(number * S // 2, made)
     reading = ardupilot.vehicle.battery.reading()
     assert (reading.charge_state, reading.fraction, reading.voltage_v) == (CRITICAL, 0.07, 9.0)
     assert ardupilot.vehicle.status(4 * S).battery_critical
-    for number in range(5):  # that has ended: after five of its topic they count
-        assert (converter.convert(BY_TOPIC["battery"], topic) is None) is (number < 4)
+    for _ in range(5):  # that has ended: after five states its topic counts
+        assert converter.convert(BY_TOPIC["battery"], topic) is None
+        converter.convert(STATE, state("GUIDED", armed=True))
     assert converter.convert(BY_TOPIC["battery"], topic).charge_state == 0
-    other = Said(location="id1", voltage=9.0, cell_voltage=[3.0] * 3, current=-1.0, percentage=0.5)
-    converter.convert(RECEIVED, received(pack(CRITICAL)))
-    assert converter.convert(BY_TOPIC["battery"], other).id == 1  # of this pack nothing else came
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_battery_of_a_gimbal_or_payload_is_no_pack_of_the_vehicle(number):
+    """mavros publishes those of all components on one topic, also before anything that it receives has come."""
+    ardupilot, converter = client(state("GUIDED", armed=True)), Converter()
+    theirs = Said(location=f"id{number}", voltage=7.0, cell_voltage=[7.0], current=-0.1, percentage=0.12)
+    for second in range(60):
+        made = [converter.convert(STATE, state("GUIDED", armed=True))]
+        for _ in range(10):
+            made += [converter.convert(BY_TOPIC["battery"], theirs)]
+            made += [of_received(converter, pack(1, number, percent=12), component=154)] if second > 2 else []
+        made += [of_received(converter, pack(1, percent=80))] if second > 2 else []
+        for each in made:
+            if each is not None:
+                ardupilot.receive(second * S, each)
+    status = ardupilot.vehicle.status(59 * S)
+    assert (status.battery_fraction, status.battery_age_s) == (0.8, 0.0)
 
 
 def test_a_battery_that_mavros_receives_without_a_charge_state_is_not_judged():
@@ -428,6 +456,24 @@ def test_a_battery_that_mavros_receives_without_a_charge_state_is_not_judged():
     short = Said(**{**vars(whole), "len": 36})
     made = Converter().convert(RECEIVED, short)
     assert (made.charge_state, made.voltages[:4], made.battery_remaining) == (0, [3000, 3000, 3000, 65535], 87)
+
+
+def test_a_text_in_chunks_is_whole_though_its_topic_has_each_chunk_alone():
+    node, converter = client(state("AUTO.LOITER")), Converter()
+    said = b"PreArm: GPS 1: primary but TYPE 0, compass 2 not calibrated: reboot needed"
+    for chunk, words in enumerate((said[:50], said[50:])):
+        message = mavlink.MAVLink_statustext_message(2, words, 7, chunk)
+        topic = converter.convert(BY_TOPIC["statustext/recv"], Said(severity=2, text=words.decode()))
+        for made in (topic, of_received(converter, message)):
+            if made is not None:
+                node.receive(S, made)
+    assert node.vehicle.texts.complaints(S, S) == (said.decode(),)
+    assert node.vehicle.texts.recent(S, S)[0].severity == 2
+
+
+def test_without_what_mavros_receives_a_text_is_that_of_its_topic():
+    made = convert("statustext/recv", severity=4, text="PreArm: Compass not healthy")
+    assert (made.severity, made.text, made.id) == (4, "PreArm: Compass not healthy", 0)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from genpy import SerializationError
 
 from amaze_autonomy.autopilot.link.connection import link_problem
 from amaze_autonomy.autopilot.link.dialect import mavlink
-from amaze_autonomy.autopilot.mavros.messages import BATTERY, EKF, HOME, ORIGIN, RECEIVED
+from amaze_autonomy.autopilot.mavros.messages import BATTERY, EKF, HOME, ORIGIN, RECEIVED, TEXT
 from amaze_autonomy.autopilot.mavros.requests import LATE_NS, Lane, request_of
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
@@ -197,10 +197,10 @@ ARDUPILOT, NOBODY = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_AUTOPILOT_G
 @pytest.mark.parametrize(
     "wanted, mode, taken",
     [
-        (CLIENT_MESSAGES, "GUIDED", {EKF, BATTERY, HOME, ORIGIN}),
-        (PLANNER_MESSAGES, "GUIDED", {EKF, HOME}),
-        (CLIENT_MESSAGES, "AUTO.LOITER", {BATTERY}),
-        (PLANNER_MESSAGES, "AUTO.LOITER", set()),
+        (CLIENT_MESSAGES, "GUIDED", {EKF, BATTERY, HOME, ORIGIN, TEXT}),
+        (PLANNER_MESSAGES, "GUIDED", {EKF, HOME, TEXT}),
+        (CLIENT_MESSAGES, "AUTO.LOITER", {BATTERY, TEXT}),
+        (PLANNER_MESSAGES, "AUTO.LOITER", {TEXT}),
         (CLIENT_MESSAGES, "ACRO", set()),
     ],
 )
@@ -221,10 +221,10 @@ def test_of_what_mavros_receives_only_what_no_topic_has_is_looked_at(services, m
     assert subscribed == ["/mavlink/from"] * bool(taken)
     made._take = lambda message, source: found.add((message.msgid, source))
     made._converter.note_sender = lambda _t_ns, message: noted.append(message.msgid)
-    for number in (0, 30, BATTERY, EKF, HOME, ORIGIN):
+    for number in (0, 30, BATTERY, EKF, HOME, ORIGIN, TEXT):
         made._take_received(SimpleNamespace(msgid=number))
     assert found == {(number, RECEIVED) for number in taken}
-    assert noted == [0, 30, BATTERY, EKF, HOME, ORIGIN]
+    assert noted == [0, 30, BATTERY, EKF, HOME, ORIGIN, TEXT]
 
 
 def test_a_second_vehicle_behind_mavros_is_told_and_said_to_be_taken_for_ours(services):
@@ -246,10 +246,10 @@ def test_a_second_vehicle_behind_mavros_is_told_and_said_to_be_taken_for_ours(se
 
 @pytest.mark.usefixtures("services")
 def test_the_number_of_the_vehicle_is_unknown_until_it_was_read_of_mavros(monkeypatch):
-    """Behind a PX4 the planner never reads it."""
     monkeypatch.setattr(mavros_link.rospy, "Subscriber", lambda *_, **__: None)
     monkeypatch.setattr(mavros_link.rospy, "get_param", lambda name, _default: 7 if "system" in name else 1)
     link, clock, said = linked(QUIET, PLANNER_MESSAGES)
+    link._listens = True  # here, below
     link._take(said, mavros_link.STATE)
     assert link.state.vehicle is None
     assert link_problem(link.state, clock.t_ns + 6 * S) == "the vehicle has fallen silent: no heartbeat for 5 s"

@@ -4,8 +4,8 @@ So one client serves both ways to the vehicle. The table at the end: topic below
 The names of modes are turned back into numbers, and tell whose they are (`Behind`). Whether ArduPilot has a position is
 in EKF_STATUS_REPORT alone, of which mavros makes no topic, and what an autopilot thinks of its battery in the charge
 state of BATTERY_STATUS, which mavros' topic leaves out: both are taken from `mavlink/from`, all that mavros receives.
-So is where an ArduPilot's home and the origin of its local frame are on the earth, who says our vehicle's id, and what
-kind of vehicle it is.
+So are texts, of which mavros' topic has each chunk alone, and where an ArduPilot's home and the origin of its local
+frame are on the earth, who says our vehicle's id, and what kind of vehicle it is.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ VEHICLE = (1, 1)
 _PLACE = "mavros"  # from where all of it comes
 _HEARTBEAT = int(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
 EKF, BATTERY = int(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT), int(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS)
+TEXT = int(mavlink.MAVLINK_MSG_ID_STATUSTEXT)
 HOME, ORIGIN = int(mavlink.MAVLINK_MSG_ID_HOME_POSITION), int(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 _UNKNOWN_AUTOPILOT, _NO_MODE = int(mavlink.MAV_AUTOPILOT_GENERIC), 255  # of PX4 it is 0.0
 _NAMES = {mavlink.MAV_AUTOPILOT_PX4: "PX4's", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot's"}
@@ -31,6 +32,8 @@ _IN_A_ROW = 5  # states that say another autopilot than the known one, disarmed
 _FRAMING_OK = 1
 _UNKNOWN_MV, _UNKNOWN = 65535, -1
 _DEG7 = 1e7
+_IN_PART = frozenset(("BATTERY_STATUS", "STATUSTEXT"))  # whose topics leave out what is said, and who says it
+_UNRECEIVED = 5  # states with nothing received of our vehicle, after which those topics count
 _BATTERIES = 256  # that 8 bits tell apart
 _FIRST_CELLS, _CELLS = 10, 14  # of a BATTERY_STATUS: in `voltages`, and with `voltages_ext`
 _CHANNELS = 18
@@ -155,7 +158,7 @@ def _millivolts(volts: float) -> int:
 
 
 def _text(message: Any) -> Message:
-    """Return a STATUSTEXT; mavros has put its chunks together already."""
+    """Return a STATUSTEXT; of a longer text mavros publishes each 50 characters alone."""
     return mavlink.MAVLink_statustext_message(message.severity, message.text.encode("utf-8", "replace"))
 
 
@@ -250,14 +253,15 @@ def _decoded(message: Any, kind: Any) -> Optional[Message]:
         return None
     data = struct.pack(f"<{len(message.payload64)}Q", *message.payload64)[: message.len]
     letters = bytes(kind.native_format).decode("ascii")  # the order of bytes, and one for each field, arrays, too
-    counted = (f"{length}{letter}" for length, letter in zip(kind.lengths, letters[1:]))
+    fields_of = zip(kind.lengths, kind.array_lengths, letters[1:])
+    counted = (f"{array}s" if letter == "c" else f"{length}{letter}" for length, array, letter in fields_of)
     form = struct.Struct(letters[0] + "".join(counted))
     fields = _fields(form.unpack(data.ljust(form.size, b"\0")[: form.size]), kind.lengths)
     return kind(*(fields[place] for place in kind.orders))
 
 
 def _fields(values: Tuple[Any, ...], lengths: Iterable[int]) -> List[Any]:
-    """Return the fields of a payload; one that is longer than 1 is an array."""
+    """Return the fields of a payload; one that is longer than 1 is an array, but for characters."""
     fields: List[Any] = []
     at = 0
     for length in lengths:
@@ -271,6 +275,7 @@ TAKEN_FROM_RECEIVED: Mapping[int, Any] = {
     BATTERY: mavlink.MAVLink_battery_status_message,
     HOME: mavlink.MAVLink_home_position_message,
     ORIGIN: mavlink.MAVLink_gps_global_origin_message,
+    TEXT: mavlink.MAVLink_statustext_message,
 }
 """What is taken of all that mavros receives."""
 
@@ -287,7 +292,7 @@ _TELL_OF_SENDER: Mapping[int, Any] = {
 
 
 RECEIVED_OF: Mapping[int, FrozenSet[int]] = {
-    mavlink.MAV_AUTOPILOT_PX4: frozenset((BATTERY,)),  # all else is on a topic
+    mavlink.MAV_AUTOPILOT_PX4: frozenset((BATTERY, TEXT)),  # all else is on a topic
     mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: frozenset(TAKEN_FROM_RECEIVED),
 }
 """What is taken of which autopilot."""
@@ -303,7 +308,7 @@ _VELOCITY = Source("local_position/velocity_local", "geometry_msgs/TwistStamped"
 _HEIGHT = Source("global_position/rel_alt", "std_msgs/Float64", "GLOBAL_POSITION_INT", _apart)
 STATE = Source("state", "mavros_msgs/State", "HEARTBEAT", _apart)
 RECEIVED = Source("mavlink/from", "mavros_msgs/Mavlink", "EKF_STATUS_REPORT", _received)
-"""Beside mavros' namespace, not below it; for whom it has something (`RECEIVED_OF`): each message there costs time."""
+"""Beside mavros' namespace, not below it."""
 WAYPOINTS = Source("mission/waypoints", "mavros_msgs/WaypointList", "MISSION_CURRENT", _apart)
 """What `MavrosMission` reads."""
 SOURCES: Tuple[Source, ...] = (
@@ -339,8 +344,8 @@ class Converter:
     What mavros receives may be of any vehicle on its link; `target`, system and component, is the one that it flies.
 
     mavros publishes both parts of one message of the vehicle together: a part whose topic has ended is unknown after a
-    few of the other, not what it was last. A battery may come on its topic and among what mavros receives: there with
-    its charge state, so its topic says nothing meanwhile.
+    few of the other, not what it was last. The topics of batteries and texts have those of all components, and less
+    than they said: they count only after some states, one for each heartbeat, with nothing received of our vehicle.
     """
 
     def __init__(self) -> None:
@@ -349,7 +354,7 @@ class Converter:
         self._others: Dict[int, int] = {}  # system id of another vehicle: when it was heard last
         self._velocity, self._height_mm = (nan, nan, nan), 0
         self._without = {_VELOCITY.makes: _PARTS_APART, _HEIGHT.makes: _PARTS_APART}
-        self._judged: Dict[int, int] = {}  # number of a battery: how often its topic came since it was received
+        self._unreceived = 0  # states since anything of ours was received
 
     def note_sender(self, t_ns: int, message: Any) -> None:
         """Note who sent what mavros received at a time: two vehicles that say one id have a count of messages each."""
@@ -359,7 +364,7 @@ class Converter:
             self._note_other(t_ns, message)
         if (message.sysid, message.compid) != self.target:
             return
-        self._heard_ns = t_ns
+        self._heard_ns, self._unreceived = t_ns, 0
         told = _decoded(message, _TELL_OF_SENDER.get(message.msgid))
         armed = None
         if told is not None and told.get_type() == "HEARTBEAT":
@@ -395,14 +400,14 @@ class Converter:
             return self._heartbeat(message)
         if source is RECEIVED and (message.sysid, message.compid) != self.target:
             return None
+        if source.makes in _IN_PART and self._unreceived < _UNRECEIVED:
+            return None
         if source is _VELOCITY:
             speed = message.twist.linear
             self._velocity, self._without[source.makes] = (speed.y, speed.x, -speed.z), 0
         elif source is _HEIGHT and isfinite(message.data):
             self._height_mm, self._without[source.makes] = round(1000 * message.data), 0
         made = source.make(message)
-        if made is not None and made.get_type() == "BATTERY_STATUS":
-            return self._battery(made, whole=source is RECEIVED)
         if made is None or source.makes not in self._without:
             return made
         known = self._without[source.makes] < _PARTS_APART
@@ -413,17 +418,10 @@ class Converter:
         made.relative_alt = self._height_mm
         return made if known else None
 
-    def _battery(self, made: Message, *, whole: bool) -> Optional[Message]:
-        if whole:
-            self._judged[made.id] = 0
-        elif self._judged.get(made.id, _PARTS_APART) < _PARTS_APART:
-            self._judged[made.id] += 1
-            return None
-        return made
-
     def _heartbeat(self, message: Any) -> Optional[Message]:
         """Return the HEARTBEAT of a mavros_msgs/State; None while mavros is not connected to the vehicle."""
         if not message.connected:
             return None
+        self._unreceived += 1
         self.behind.add(message)
         return _state(message, self.behind)
