@@ -16,6 +16,7 @@ from amaze_autonomy.cns import tables as cns
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.doctor import Arrangement, Finding, Graph, SeenService, SeenTopic, examine, examine_host, wanted
 from amaze_autonomy.interface import SERVICES, STATUSES
+from amaze_autonomy.monitoring.specs import RestartSpec
 
 START_NS, S = 1_600_000_000_000_000_000, 1_000_000_000
 KINDS = {"/lrf/range": "sensor_msgs/Range", "/odometry": "nav_msgs/Odometry", "/px4/imu": "sensor_msgs/Imu"}
@@ -35,7 +36,7 @@ def healthy(shipped):
         nodes |= {component.node} - {None}
         for spec in component.topics:
             kind = KINDS.get(spec.topic, "sensor_msgs/Image")
-            topics[spec.topic] = SeenTopic((kind,), ("/driver",), 100, spec.rate_hz, 0.01)
+            topics[spec.topic] = SeenTopic((kind,), (component.node or "/driver",), 100, spec.rate_hz, 0.01)
     services = {
         name: SeenService(
             f"/{name}", f"{'std_srvs' if row.type == 'Trigger' else 'amaze_autonomy'}/{row.type}", f"/{row.peer}"
@@ -48,6 +49,10 @@ def healthy(shipped):
 def bad(configuration, graph):
     found = [each for each in examine(configuration, graph) if each.level != "good"]
     return [each for each in found if not each.about.startswith("recording ")]
+
+
+def without(graph, topic):
+    return replace(graph, topics={name: each for name, each in graph.topics.items() if name != topic})
 
 
 def changed(graph, topic, **fields):
@@ -74,9 +79,7 @@ def test_nothing_is_wrong_with_a_graph_that_is_as_configured(shipped, healthy):
 )
 def test_a_rate_that_is_another_is_proposed(shipped, healthy, fields, level, said, line):
     assert bad(shipped, changed(healthy, "/lrf/range", **fields)) == [
-        Finding(
-            level, "lrf", f"/lrf/range of /driver {said}", f"sensors.yaml, components.lrf.topics./lrf/range: {line}"
-        )
+        Finding(level, "lrf", f"/lrf/range of /lrf {said}", f"sensors.yaml, components.lrf.topics./lrf/range: {line}")
     ]
 
 
@@ -85,13 +88,13 @@ def test_a_rate_that_is_another_is_proposed(shipped, healthy, fields, level, sai
 )
 def test_a_rate_is_proposed_as_the_configuration_takes_it(shipped, healthy, rate_hz, said):
     (found,) = bad(shipped, changed(healthy, "/lrf/range", rate_hz=rate_hz))
-    assert found.said.startswith(f"/lrf/range of /driver comes at {said} Hz, expected are 20")
+    assert found.said.startswith(f"/lrf/range of /lrf comes at {said} Hz, expected are 20")
     assert found.line == f"sensors.yaml, components.lrf.topics./lrf/range: rate_hz: {said}"
 
 
 def test_a_topic_that_is_silent_is_named_with_its_publisher(shipped, healthy):
     graph = changed(healthy, "/lsm9ds1/imu", rate_hz=None, count=0)
-    assert bad(shipped, graph) == [Finding("wrong", "lsm9ds1_imu", "/lsm9ds1/imu of /driver is silent (0 messages)")]
+    assert bad(shipped, graph) == [Finding("wrong", "lsm9ds1_imu", "/lsm9ds1/imu of /lsm9ds1 is silent (0 messages)")]
 
 
 def slowed(shipped, rate_hz, age_limit_s, tolerance_fraction=0.2):
@@ -121,7 +124,7 @@ def test_a_topic_too_slow_for_the_time_listened_is_not_called_silent(
 ):
     slow = slowed(shipped, rate_hz, 5.0 / rate_hz, tolerance_fraction)
     graph = replace(changed(healthy, "/lrf/range", rate_hz=None, count=count), listened_s=listened_s)
-    said = f"/lrf/range of /driver is too slow to judge in {listened_s:g} s ({count} messages)"
+    said = f"/lrf/range of /lrf is too slow to judge in {listened_s:g} s ({count} messages)"
     (found,) = [each for each in bad(slow, graph) if each.about == "lrf"]
     assert found == Finding("warning", "lrf", said, f"listen for longer: --for {longer_s}")
 
@@ -141,7 +144,7 @@ def test_a_slow_topic_that_was_listened_to_for_long_enough_is_silent(
     slow = slowed(shipped, rate_hz, age_limit_s, tolerance_fraction)
     graph = replace(changed(healthy, "/lrf/range", rate_hz=None, count=count), listened_s=listened_s)
     (found,) = [each for each in bad(slow, graph) if each.about == "lrf"]
-    assert found == Finding("wrong", "lrf", f"/lrf/range of /driver is silent ({count} messages)")
+    assert found == Finding("wrong", "lrf", f"/lrf/range of /lrf is silent ({count} messages)")
 
 
 def test_a_topic_under_another_name_is_proposed(shipped, healthy):
@@ -227,10 +230,10 @@ def test_two_publishers_that_are_too_slow_together_are_wrong_and_no_rate_is_prop
 
 
 def test_two_publishers_that_are_silent_are_silent(shipped, healthy):
-    graph = changed(healthy, "/lsm9ds1/imu", nodes=("/a", "/b"), rate_hz=None, count=0)
+    graph = changed(healthy, "/lsm9ds1/imu", nodes=("/lsm9ds1", "/other"), rate_hz=None, count=0)
     assert [(each.level, each.said) for each in bad(shipped, graph)] == [
-        ("warning", "/lsm9ds1/imu has two publishers: /a, /b"),
-        ("wrong", "/lsm9ds1/imu of /a, /b is silent (0 messages)"),
+        ("warning", "/lsm9ds1/imu has two publishers: /lsm9ds1, /other"),
+        ("wrong", "/lsm9ds1/imu of /lsm9ds1, /other is silent (0 messages)"),
     ]
 
 
@@ -299,32 +302,56 @@ def test_stamps_of_0_are_counted_and_have_no_age(looking, stamps_s, unstamped):
     assert seen.age_s == (-7.0 if any(stamps_s) else None)
 
 
-def test_a_node_that_is_not_there_is_named(shipped, healthy):
-    nodes = healthy.nodes - {"/realsense"} | {"/realsense2"}
-    assert bad(shipped, replace(healthy, nodes=nodes)) == [
-        Finding(
-            "wrong",
-            "realsense_camera",
-            "there is no node /realsense",
-            "sensors.yaml, components.realsense_camera: node: /realsense2",
-        )
-    ]
+def of_camera(graph, *publishers, nodes, **fields):
+    """Return the graph with other publishers of the mission camera's topic, and other nodes."""
+    graph = changed(graph, "/mission_camera/image_raw", nodes=publishers, **fields)
+    return replace(graph, nodes=graph.nodes - {"/mission_camera"} | {*nodes, *publishers})
+
+
+ANOTHER = "sensors.yaml, components.mission_camera: node: "
 
 
 @pytest.mark.parametrize(
-    "publishers, line",
+    "publishers, others, line",
     [
-        (("/drivers",), "sensors.yaml, components.realsense_camera: node: /drivers"),
-        (("/drivers", "/others"), ""),  # which of them it is nobody knows
+        (("/usb_cam",), (), ANOTHER + "/usb_cam"),
+        (("/usb_cam",), ("/mission_manager",), ANOTHER + "/usb_cam"),  # a name that is alike is somebody else's
+        (("/usb_cam", "/others"), ("/mission_camera2",), ""),  # which of them it is nobody knows
+        ((), ("/mission_manager",), ""),
     ],
 )
-def test_a_node_of_no_similar_name_is_the_one_that_publishes_its_topics(shipped, healthy, publishers, line):
-    (component,) = [each for each in shipped.components if each.name == "realsense_camera"]
-    graph = replace(healthy, nodes=healthy.nodes - {"/realsense"} | {*publishers})
-    for spec in component.topics:
-        graph = changed(graph, spec.topic, nodes=publishers)
+def test_a_node_that_is_not_there_is_the_only_one_that_publishes_its_topics(shipped, healthy, publishers, others, line):
+    graph = of_camera(healthy, *publishers, nodes=others)
+    if not publishers:
+        graph = without(graph, "/mission_camera/image_raw")
     (found,) = [each for each in bad(shipped, graph) if "no node" in each.said]
-    assert found == Finding("wrong", "realsense_camera", "there is no node /realsense", line)
+    assert found == Finding("wrong", "mission_camera", "there is no node /mission_camera", line)
+
+
+@pytest.mark.parametrize(
+    "publishers, who, line",
+    [
+        (("/usb_cam",), "/usb_cam does", ANOTHER + "/usb_cam"),
+        (("/a", "/b"), "/a, /b do", ""),
+    ],
+)
+def test_a_node_that_would_be_restarted_and_publishes_nothing_of_its_component_is_wrong(
+    shipped, healthy, publishers, who, line
+):
+    graph = of_camera(healthy, *publishers, nodes=("/mission_camera",))
+    found = [each for each in bad(shipped, graph) if "has" not in each.said]
+    said = f"/mission_camera would be restarted, and publishes none of its topics: {who}"
+    assert found == [Finding("wrong", "mission_camera", said, line)]
+
+
+def test_a_nodelet_is_restarted_by_its_own_node_though_its_manager_publishes(shipped, healthy):
+    graph = of_camera(healthy, "/manager", nodes=("/mission_camera",))
+    assert bad(shipped, replace(graph, offered=frozenset({"/manager/unload_nodelet"}))) == []
+
+
+def test_a_node_that_is_not_restarted_may_publish_nothing(shipped, healthy):
+    rows = tuple(replace(each, restart=RestartSpec()) for each in shipped.components)
+    assert bad(replace(shipped, components=rows), of_camera(healthy, "/usb_cam", nodes=("/mission_camera",))) == []
 
 
 def test_services_that_nobody_offers_and_those_of_others(shipped, healthy):

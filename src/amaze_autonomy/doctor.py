@@ -23,7 +23,7 @@ from .config import Configuration
 from .interface import SERVICES, STATUSES
 from .missions import Frame
 from .monitoring.initialisation import InitialisationType
-from .monitoring.specs import EstimateSource, RangeSource, TopicSpec
+from .monitoring.specs import ComponentSpec, EstimateSource, RangeSource, RestartPolicy, TopicSpec
 from .paths import expanded
 from .recording.storage import needed_bytes, space_of, too_little
 
@@ -176,13 +176,26 @@ def _components(configuration: Configuration, graph: Graph) -> Iterator[Finding]
     for component in configuration.components:
         for spec in component.topics:
             yield from _watched(component.name, spec, graph, known)
-        if component.node and graph.resolved(component.node) not in graph.nodes:
-            seen = [graph.topics.get(graph.resolved(spec.topic)) for spec in component.topics]
-            publishers = sorted({node for each in seen if each is not None for node in each.nodes})
-            close = difflib.get_close_matches(component.node, sorted(graph.nodes), n=1)
-            close = close or (publishers if len(publishers) == 1 else [])
-            line = f"sensors.yaml, components.{component.name}: node: {close[0]}" if close else ""
-            yield Finding(WRONG, component.name, f"there is no node {component.node}", line)
+        yield from _node(component, graph)
+
+
+def _node(component: ComponentSpec, graph: Graph) -> Iterator[Finding]:
+    """Say that the node of a component is not there, or is one that a restart would end for nothing."""
+    name, restarted = component.node or "", component.restart.policy is RestartPolicy.NODE
+    seen = [graph.topics.get(graph.resolved(spec.topic)) for spec in component.topics]
+    publishers = sorted({node for each in seen if each is not None for node in each.nodes})
+    line = f"sensors.yaml, components.{component.name}: node: {publishers[0]}" if len(publishers) == 1 else ""
+    if name and graph.resolved(name) not in graph.nodes:
+        yield Finding(WRONG, component.name, f"there is no node {name}", line)
+    elif restarted and publishers and not _may_publish(graph.resolved(name), publishers, graph):
+        who = f"{', '.join(publishers)} {'does' if len(publishers) == 1 else 'do'}"
+        said = f"{name} would be restarted, and publishes none of its topics: {who}"
+        yield Finding(WRONG, component.name, said, line)
+
+
+def _may_publish(node: str, publishers: Sequence[str], graph: Graph) -> bool:
+    """Return whether a node is one of the publishers, or may be a nodelet of one: its manager publishes for it."""
+    return node in publishers or any(f"{each}/unload_nodelet" in graph.offered for each in publishers)
 
 
 def _watched(name: str, spec: TopicSpec, graph: Graph, known: Iterable[str]) -> Iterator[Finding]:
