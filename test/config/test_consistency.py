@@ -461,6 +461,21 @@ LRF = """\
         ),
         (
             "0.5",
+            "[/camera/image, /lrf/range]",
+            ("sensors.landing_detection.min_range_m=0",),
+            [
+                "landing_detection.min_range_m is 0: a range finder that says 0 where it sees nothing, or is dead, "
+                "would be on the ground, in the air too; give the least distance that it measures, e.g. 0.02"
+            ],
+        ),
+        (
+            "0.5",
+            "[/camera/image, /lrf/range]",
+            ("sensors.landing_detection.min_range_m=0", "sensors.landing_detection.source=pose"),
+            [],
+        ),
+        (
+            "0.5",
             "[/camera/image, /lrf/rnge, /somebody/elses]",
             (),
             ["groups.all of recording.yaml records /lrf/rnge, which nobody has: did you mean /lrf/range?"],

@@ -12,7 +12,7 @@ from ..interface.fields import MOST_ITEMS
 from ..missions import Controller, FlightModel, Frame, climb_s
 from ..monitoring.component import return_time
 from ..monitoring.restart import why_kept
-from ..monitoring.specs import ComponentSpec, RestartPolicy, TopicSpec
+from ..monitoring.specs import ComponentSpec, RangeSource, RestartPolicy, TopicSpec
 from .errors import ConfigError
 from .kinds import Address, Places
 from .schema import make, refuse_at
@@ -296,12 +296,18 @@ def _never_silent(topics: Mapping[str, Tuple[str, Any]]) -> Iterator[str]:
             )
 
 
-def _blind_landing(sensors: Mapping[str, Any], topics: Mapping[str, Any]) -> Iterator[str]:
-    topic = sensors["landing_detection"]["topic"]
+def _blind_landing(sensors: Mapping[str, Any], topics: Mapping[str, Tuple[str, Any]]) -> Iterator[str]:
+    landing = sensors["landing_detection"]
+    topic = landing["topic"]
     if topic not in topics:
         yield (
             f"landing_detection.topic is {topic}, and no component has that topic: nobody says when it fails; add it "
             f"to a component, or name the topic that one has{_meant(topic, topics)}"
+        )
+    if landing["source"] != RangeSource.POSE.value and landing["min_range_m"] <= 0.0:
+        yield (
+            "landing_detection.min_range_m is 0: a range finder that says 0 where it sees nothing, or is dead, would "
+            "be on the ground, in the air too; give the least distance that it measures, e.g. 0.02"
         )
 
 
