@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from replay_bags import START_NS, S, distance, header, imu, magnetic, make, write_bag
+from replay_bags import START_NS, S, distance, header, height_m, imu, magnetic, make, write_bag
+from test_proposal import extended, types
 
 from amaze_autonomy import cli, files, paths
 from amaze_autonomy.config import AutopilotSettings, load_configuration
@@ -126,6 +127,7 @@ def test_beside_an_odometry_of_mavros_its_pose_is_the_height(capsys, tmp_path):
         ((COMMAND,), "/command/pose"),
         ((COMMAND, ("/a/target", 0.0)), "/a/target or /command/pose"),
         ((("/a/pose", 0.0, 0.0),), "/a/pose"),
+        ((("/a/pose", 0.0), ("/b/pose", 0.0)), "/a/pose or /b/pose"),
     ],
 )
 def test_a_pose_that_nothing_says_is_the_vehicle_s_is_no_height_above_ground(capsys, tmp_path, topics, named):
@@ -373,3 +375,138 @@ def full(_):
 
 def test_recordings_or_the_running_graph_must_be_named(capsys, tmp_path):
     assert proposed(capsys, tmp_path)[:2] == (2, "propose-config: name recordings, or say --live\n")
+
+
+# --- which of several -------------------------------------------------------------------------------------------------
+
+HEXA, PAD = "/vrpn_client_node/hexa/pose", "/vrpn_client_node/charging_pad/pose"
+DOWN, LEFT, UP = "/tfmini", "/obstacle/lidar_left/range", "/ultrasonic_up/range"
+
+
+def flown(streams, *, told, until_s=36.0):
+    """Return rows of the flight of `height_m`, 20 a second of each stream; `told`: mavros says when it flies."""
+    types()
+    rows = []
+    for step in range(int(until_s * 20)):
+        at, height = START_NS + step * S // 20, height_m(step / 20)
+        rows += [(at, topic, message(at, height)) for topic, message in streams.items()]
+        if told and step % 10 == 0:
+            rows.append((at, "/mavros/extended_state", extended(at, 2 if height > 0.05 else 1)))
+    return with_imu(rows)
+
+
+BODIES = {PAD: lambda at, _: _pose(at), HEXA: lambda at, height: _pose(at, height)}
+FINDERS = {
+    LEFT: lambda at, _: distance(at, 0.4),
+    DOWN: lambda at, height: distance(at, height + 0.12),
+    UP: lambda at, height: distance(at, 4.0 - height),
+}
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["told", "not told"])
+def test_of_two_bodies_the_vehicle_is_the_one_that_rises(capsys, tmp_path, told):
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", flown(BODIES, told=told)))
+    assert status == 0, said
+    sensors = load_configuration(folder).effective["sensors"]
+    assert [sensors[check]["topic"] for check in ("landing_detection", "state_estimation")] == [HEXA, HEXA]
+    assert f"found: not watched: {PAD} (another estimate)\n" in said
+    stays = f"{PAD} does not rise while the vehicle is in the air: it does not show its height, and is left out\n"
+    assert (stays in said) is told
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["told", "not told"])
+def test_of_several_range_finders_the_one_that_rises_looks_down(capsys, tmp_path, told):
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", flown(FINDERS, told=told)))
+    assert status == 0, said
+    sensors = load_configuration(folder).effective["sensors"]
+    assert (sensors["landing_detection"]["topic"], sensors["landing_detection"]["mounting_height_m"]) == (DOWN, 0.12)
+    assert list(sensors["components"]["lrf"]["topics"]) == [DOWN]
+    assert f"found: not watched: {LEFT} (another lrf), {UP} (another lrf)\n" in said
+
+
+def test_of_several_that_rise_one_is_taken_and_all_are_named(capsys, tmp_path):
+    other = "/lidar_down/range"
+    rows = flown({other: FINDERS[DOWN], DOWN: FINDERS[DOWN]}, told=True)
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", rows))
+    assert status == 0, said
+    assert load_configuration(folder).effective["sensors"]["landing_detection"]["topic"] == other
+    assert f"found: {other}, {DOWN}: all of them rise; taken is {other}: is it the right one?\n" in said
+
+
+def test_the_only_range_finder_is_left_out_where_it_shows_no_flight(capsys, tmp_path):
+    rows = flown({LEFT: FINDERS[LEFT], HEXA: BODIES[HEXA]}, told=True)
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", rows))
+    assert status == 0, said
+    sensors = load_configuration(folder).effective["sensors"]
+    assert (sensors["landing_detection"]["topic"], list(sensors["components"])) == (HEXA, ["imu"])
+    stays = "does not rise while the vehicle is in the air: it does not show its height, and is left out"
+    assert f"found: {LEFT} {stays}\n" in said
+
+
+@pytest.mark.parametrize(
+    "streams, taken",
+    [(BODIES, ""), (FINDERS, ""), ({LEFT: FINDERS[LEFT], "/down/range": FINDERS[DOWN]}, "/down/range")],
+    ids=["bodies", "range finders", "one by its name"],
+)
+def test_of_several_that_stand_none_is_taken_but_by_its_name(capsys, tmp_path, streams, taken):
+    rows = flown(streams, told=True, until_s=6.0)
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", rows))
+    assert status == 0, said
+    landing = yaml.safe_load((folder / "sensors.yaml").read_text())["landing_detection"]
+    assert landing.get("topic", "") == taken
+    words = "none of them rises, and nothing says which shows the vehicle's height: name it"
+    assert (f"found: {', '.join(sorted(streams))}: {words}\n" in said) is (not taken)
+
+
+def test_a_scanner_beside_a_range_finder_is_not_the_one_that_lands(capsys, tmp_path):
+    still, numbers = {"angle_min": -1.0, "angle_max": 1.0, "angle_increment": 0.1}, np.full(21, 5.0, np.float32)
+    limits = {"time_increment": 0.0, "scan_time": 0.1, "range_min": 0.1, "range_max": 30.0}
+
+    def scan(at, _):
+        rows = {"ranges": numbers, "intensities": numbers[:0]}
+        return make("sensor_msgs/msg/LaserScan", header=header(at), **still, **limits, **rows)
+
+    rows = flown({"/rplidar/scan": scan, DOWN: FINDERS[DOWN]}, told=True)
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", rows))
+    assert status == 0, said
+    sensors = load_configuration(folder).effective["sensors"]
+    assert sensors["landing_detection"]["topic"] == DOWN
+    assert list(sensors["components"]["lrf"]["topics"]) == [DOWN]
+    assert "found: not watched: /rplidar/scan (another lrf)\n" in said
+
+
+# --- range finders that see nothing -----------------------------------------------------------------------------------
+
+
+def test_a_range_finder_that_begins_with_0_has_measured_no_ground(capsys, tmp_path):
+    blind = {"/range": lambda at, height: distance(at, height if height >= 0.3 else 0.0)}
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", flown(blind, told=True)))
+    assert status == 0, said
+    landing = yaml.safe_load((folder / "sensors.yaml").read_text())["landing_detection"]
+    assert landing == {"topic": "/range", "source": "range"}
+    words = "measure mounting_height_m and min_range_m, below which it sees nothing"
+    assert f"found: /range begins with 0, which is no distance: {words}\n" in said
+    assert "found: lift-off by the range: +8.2 s\n" in said
+
+
+def test_a_range_finder_that_says_0_until_it_has_begun_has_measured_the_ground(capsys, tmp_path):
+    rows = flown({"/range": lambda at, height: distance(at, height + 0.12)}, told=True)
+    for row in [row for row in rows if row[1] == "/range"][:10]:
+        row[2].range = 0.0
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", rows))
+    assert status == 0, said
+    landing = yaml.safe_load((folder / "sensors.yaml").read_text())["landing_detection"]
+    assert landing == {"topic": "/range", "source": "range", "mounting_height_m": 0.12, "min_range_m": 0.02}
+
+
+# --- clocks and names -------------------------------------------------------------------------------------------------
+
+
+def test_a_sensor_whose_messages_mostly_share_a_time_of_the_simulation_has_its_mean_rate(capsys, tmp_path):
+    rows = [(START_NS + step // 5 * S // 50, "/imu", imu(START_NS)) for step in range(1250)]
+    rows += [(START_NS, "/mag", magnetic(START_NS))] * 3
+    bag = write_bag(tmp_path / "x.bag", sorted(rows, key=lambda row: row[0]))
+    status, said, _ = proposed(capsys, tmp_path, bag)
+    assert status == 0, said
+    assert "imu: /imu, 251 Hz, fails after 0.3 s; severity highest\n" in said
+    assert "found: /mag is not watched: its messages have one time, and no rate\n" in said

@@ -139,6 +139,7 @@ def test_a_flight_over_mavros_is_a_whole_mission_by_the_proposed_map(tmp_path):
         "armed: disarmed +0.0 s, armed +8.0 s, disarmed +32.0 s",
         "flight mode: OFFBOARD +0.0 s",
         "landed: on the ground +0.0 s, in the air +9.0 s, on the ground +30.0 s",
+        "not watched: /mavros/imu/data_raw (another imu)",
     )
     assert proposal.scripted == ("mission planner", "data recorder")
     found = load_map(path)

@@ -31,6 +31,7 @@ _STILL_S = 1.8  # a little less than the shipped configuration looks whether the
 _ESTIMATE_HZ = 25.0  # slower than this is too slow for the shipped configuration
 _KINDS_NAMED = 5
 _NEAR_MM, _MOUNTED_M, _ALOFT_M, _RISE_M = 300.0, 0.6, 0.5, 0.3
+_LOOKED_AT = 2000  # messages of a topic, to see whether it rises with the vehicle
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,9 @@ class _Topic:
 
     @property
     def period_s(self) -> Optional[float]:
+        """Return the time between two messages, mostly; their mean where most come at one time of a simulation."""
         gaps = np.diff(self.times_ns)
-        return float(np.median(gaps)) / _S if len(gaps) else None
+        return float(np.median(gaps) or gaps.mean()) / _S if len(gaps) else None
 
     @property
     def longest_gap_s(self) -> float:
@@ -109,6 +111,7 @@ _SENSORS: Tuple[Tuple[str, Tuple[str, ...], Tuple[str, ...], Tuple[str, ...]], .
         ("front",),
     ),
 )
+_RANGE = ("sensor_msgs/Range",)
 _CAMERAS = ("sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/PointCloud2")
 _STATUSES: Mapping[str, str] = {
     **{f"amaze_autonomy/{row.shape.message}": row.name for row in STATUSES},
@@ -131,6 +134,12 @@ _TEXTS = ("mavros_msgs/StatusText", "mavlink/STATUSTEXT", "px4_msgs/LoggedMessag
 _PX4_MODES = ("OFFBOARD", "POSCTL", "ALTCTL", "MANUAL", "STABILIZED")
 _CRITICAL = 5  # MAV_STATE_CRITICAL
 _NOT_ESTIMATED = ("setpoint", "target", "command", "reference", "goal")
+_OWN_ESTIMATE, _LOOKS_DOWN = "local_position", "down"  # in the name of what is the vehicle's though it stands
+# type, field and value that say that the vehicle is in the air
+_FLYING: Tuple[Tuple[str, str, int], ...] = (
+    ("mavros_msgs/ExtendedState", "landed_state", 2),
+    ("amaze_autonomy/AutopilotStatus", "landed", 3),
+)
 
 
 def propose(paths: Sequence[Path], memory: int = MEMORY) -> Proposal:
@@ -201,16 +210,20 @@ class _Maker:
         self.armed_s: Optional[float] = None
         self.in_the_air = False
         self._ground_m: Optional[float] = None
+        self._blind = False  # on the ground the range finder sees nothing
         self._level_s = -1e6  # when the autopilot first tells how full its battery is
         self._estimate_hz: Optional[float] = None
         self._imu_s = 0.0  # between two of its messages
         self._mapped: List[_Topic] = []
         status = [topic for topic in topics if topic.kind == "amaze_autonomy/AutopilotStatus"]
         self._autopilot: Optional[_Topic] = status[0] if status else None
+        self._flown = self._in_the_air()
+        self._looks_down, self._distance, self._unit_m = self._ranging()
 
     def proposal(self) -> Proposal:
         components, readings, statuses = self._components(), self._readings(), self._statuses()
         self.found += self._cns() + self._with_others([*components, *readings])
+        self.found += self._unwatched([*components, *readings])
         if not (self._mapped or readings or statuses):
             self.found.append(self._no_vehicle())
         unread = [(f"{each.name}: cannot be read ({each.wrong})", each.damaged) for each in self._topics if each.wrong]
@@ -252,13 +265,15 @@ class _Maker:
 
     def _components(self) -> List[str]:
         lines: List[str] = []
-        for name, kinds, good, bad in _SENSORS:
-            topic = self._best(kinds, good, bad)
-            if topic is None or (topic.kind == _LOG_DATA and "range" not in topic.name):
+        for name, *row in _SENSORS:
+            topic = self._sensor(name, *row)
+            if topic is None:
                 continue
             self._mapped.append(topic)
             health = f", autopilot: {name}" if name in _HEALTH and self._tells_health(name) else ""
-            lines += _component(name, topic, health)
+            line = _component(name, topic, health)
+            self.found += [] if line else [f"{topic.name} is not watched: its messages have one time, and no rate"]
+            lines += line
         names: List[str] = []
         for topic in self._topics:
             if topic.kind in _CAMERAS and "compressedDepth" not in topic.name:
@@ -267,6 +282,22 @@ class _Maker:
                 lines += _component(name, topic)
         return lines
 
+    def _sensor(self, name: str, kinds: Sequence[str], good: Sequence[str], bad: Sequence[str]) -> Optional[_Topic]:
+        """Return the topic of a sensor; the range finder is the one that looks down."""
+        if name == "lrf" and (self._looks_down is not None or self._those(_RANGE)):
+            return self._looks_down
+        topic = self._best(kinds, good, bad)
+        return None if topic is not None and topic.kind == _LOG_DATA and "range" not in topic.name else topic
+
+    def _unwatched(self, lines: Sequence[str]) -> List[str]:
+        """Return the sensors and estimates beside those of the map, in a line: none of them is looked at."""
+        kinds = {kind: name for name, those, _, _ in _SENSORS for kind in those if kind != _LOG_DATA}
+        kinds.update((kind, "estimate") for kind, _, _ in _ESTIMATES)
+        others = [topic for topic in self._those(tuple(kinds)) if not _is_command(topic)]
+        left = [topic for topic in others if not any(f"{{topic: {topic.name}," in line for line in lines)]
+        named = ", ".join(f"{topic.name} (another {kinds[topic.kind]})" for topic in left)
+        return [f"not watched: {named}"] if left else []
+
     def _tells_health(self, name: str) -> bool:
         """Return True when the autopilot's status ever tells the health of a sensor."""
         topic = self._autopilot
@@ -274,13 +305,69 @@ class _Maker:
 
     def _best(self, kinds: Sequence[str], good: Sequence[str], bad: Sequence[str]) -> Optional[_Topic]:
         """Return the likeliest topic of some types; of equals the one with the most messages."""
-        those = [topic for topic in self._topics if topic.kind in kinds and len(topic.times_ns) > 1]
+        return _likeliest(self._those(kinds), good, bad)
 
-        def likeliness(topic: _Topic) -> Tuple[int, int]:
-            name = topic.name.lower()
-            return sum(w in name for w in good) - 2 * sum(w in name for w in bad), len(topic.times_ns)
+    def _those(self, kinds: Sequence[str]) -> List[_Topic]:
+        """Return the topics of some types that have more than one message."""
+        return [topic for topic in self._topics if topic.kind in kinds and len(topic.times_ns) > 1]
 
-        return max(those, key=likeliness) if those else None
+    # --- which of several ---------------------------------------------------------------------------------------------
+
+    def _in_the_air(self) -> Optional[Tuple[int, int]]:
+        """Return when the vehicle was first and last said to be in the air; None: nobody says it."""
+        for kind, path, flying in _FLYING:
+            times = [t for t, value in self._values(kind, path) if value == flying]
+            if times:
+                return times[0], times[-1]
+        return None
+
+    def _rises(self, topic: _Topic, paths: Sequence[str]) -> Optional[bool]:
+        """Return whether the first of some fields rises in the air; None: unknown. A distance of 0 counts as none.
+
+        Without a recorded flight it does where a distance, alone, rises above where it began, or a place moves at all.
+        """
+        of_path = ((path, self._values(topic.kind, path, topic.name, most=_LOOKED_AT)) for path in paths)
+        read = [[(t, number(value)) for t, value in values if path != "range" or value] for path, values in of_path]
+        rows = [[(t, value) for t, value in each if value is not None] for each in read]
+        if self._flown is None:
+            tracks = [np.array([value for _, value in each]) for each in rows if each]
+            begun = [np.median(each[:10]) if len(paths) == 1 else np.percentile(each, 1) for each in tracks]
+            moved = (np.percentile(each, 99) > first + _RISE_M for each, first in zip(tracks, begun))
+            return True if any(moved) else None
+        begin, end = self._flown
+        air = [value for t, value in rows[0] if begin <= t <= end]
+        ground = [value for t, value in rows[0] if not begin <= t <= end]
+        return bool(np.percentile(air, 90) > np.median(ground) + _RISE_M) if air and ground else None
+
+    def _of_the_vehicle(
+        self, those: Sequence[_Topic], paths: Sequence[str], good: Sequence[str], own: str, bad: Sequence[str] = ()
+    ) -> Optional[_Topic]:
+        """Return the likeliest of some topics that rise with the vehicle; None: nothing says which of them is its own.
+
+        Args:
+            those: of one type.
+            paths: fields, first the one that rises.
+            good: words in the name that make it likelier.
+            own: the word in the name of one that is taken though nothing rises.
+            bad: words that make it unlikelier.
+        """
+        rises = {topic.name: self._rises(topic, paths) for topic in those}
+        stays = [topic.name for topic in those if rises[topic.name] is False]
+        words = "does not rise while the vehicle is in the air: it does not show its height, and is left out"
+        self.found += [f"{name} {words}" for name in stays]
+        left = [topic for topic in those if topic.name not in stays]
+        risen = [topic for topic in left if rises[topic.name]]
+        named = [topic for topic in left if own in topic.name.lower()]
+        taken = _likeliest(risen or (left if len(left) == 1 else named), good, bad)
+        names = ", ".join(topic.name for topic in left)
+        if taken is None and left:
+            self.found.append(
+                f"{names}: none of them rises, and nothing says which shows the vehicle's height: name it"
+            )
+        elif taken is not None and len(risen) > 1:
+            names = ", ".join(topic.name for topic in risen)
+            self.found.append(f"{names}: all of them rise; taken is {taken.name}: is it the right one?")
+        return taken
 
     # --- readings -----------------------------------------------------------------------------------------------------
 
@@ -308,8 +395,11 @@ class _Maker:
 
     def _estimate(self) -> List[str]:
         for kind, source, height in _ESTIMATES:
-            topic = self._best((kind,), ("local_position", "odom", "estimate", "pose"), _NOT_ESTIMATED)
-            if topic is not None and not any(word in topic.name for word in _NOT_ESTIMATED):
+            those = [topic for topic in self._those((kind,)) if not _is_command(topic)]
+            paths = [height, f"{height[:-1]}x", f"{height[:-1]}y"]
+            good = ("local_position", "odom", "estimate", "pose")
+            topic = self._of_the_vehicle(those, paths, good, _OWN_ESTIMATE)
+            if topic is not None:
                 oriented = _oriented(topic.first, height.replace("position.z", "orientation"))
                 lines = [f"  estimate: {{topic: {topic.name}, source: {source}}}"] if oriented else []
                 self._estimate_hz = 1.0 / topic.period_s if oriented and topic.period_s else None
@@ -365,8 +455,9 @@ class _Maker:
 
     def _ranging(self) -> Tuple[Optional[_Topic], str, float]:
         """Return the topic that looks down, the field of the distance, and metres in its unit."""
-        topic = self._best(("sensor_msgs/Range",), *_SENSORS[4][2:])
-        if topic is not None:
+        those = self._those(_RANGE)
+        if those:
+            topic = self._of_the_vehicle(those, ["range"], _SENSORS[4][2], _LOOKS_DOWN, _SENSORS[4][3])
             return topic, "range", 1.0
         topic = self._best(("mavlink/DISTANCE_SENSOR",), (), ())
         if topic is not None:
@@ -376,17 +467,24 @@ class _Maker:
         return (log, f"values[{near[-1]}]", 0.001) if near else (None, "", 1.0)
 
     def _range(self) -> List[str]:
-        topic, path, scale = self._ranging()
+        topic, path, scale = self._looks_down, self._distance, self._unit_m
         if topic is None:
             return []
         distances = [(t, number(value)) for t, value in self._values(topic.kind, path, topic.name)]
-        metres = [(t, value * scale) for t, value in distances if value is not None]
-        self._ground_m = metres[0][1] if metres and 0.0 <= metres[0][1] < _MOUNTED_M else None
-        if self._ground_m is None and self._autopilot is not None:
+        told = [(t, value * scale) for t, value in distances if value is not None]
+        metres = [
+            (t, value) for t, value in told if path != "range" or value > 0.0
+        ]  # 0 m: nothing seen; 0 cm may be near
+        self._blind = bool(told) and (not metres or metres[0][0] > told[0][0] + _S)
+        self._ground_m = metres[0][1] if metres and not self._blind and 0.0 <= metres[0][1] < _MOUNTED_M else None
+        if self._blind:
+            to_do = "measure mounting_height_m and min_range_m, below which it sees nothing"
+            self.found.append(f"{topic.name} begins with 0, which is no distance: {to_do}")
+        elif self._ground_m is None and self._autopilot is not None:
             self.found.append(f"{topic.name} begins with what is no distance to the ground: it is left out")
             return []
-        if self._ground_m is not None:
-            self._lift_off(metres, self._ground_m + _RISE_M)
+        if self._blind or self._ground_m is not None:
+            self._lift_off(metres, (self._ground_m or 0.0) + _RISE_M)
         field = "" if path == "range" else f', distance: "{path}"'
         return [f"  range: {{topic: {topic.name}{field}{'' if scale == 1.0 else f', scale: {scale:g}'}}}"]
 
@@ -498,10 +596,12 @@ class _Maker:
         return [f"state_estimation: {{{', '.join(keys)}}}  # as recorded", ""] if keys else []
 
     def _landing(self) -> List[str]:
-        topic, _, _ = self._ranging()
-        if topic is None or self._ground_m is None:
+        topic = self._looks_down
+        if topic is None or (self._ground_m is None and not self._blind):
             return []
-        keys = [f"mounting_height_m: {self._ground_m:.3f}", f"min_range_m: {min(0.02, 0.5 * self._ground_m):.3f}"]
+        keys = []
+        if self._ground_m is not None:
+            keys = [f"mounting_height_m: {self._ground_m:.3f}", f"min_range_m: {min(0.02, 0.5 * self._ground_m):.3f}"]
         period_s = topic.period_s or 0.0
         if period_s > 0.1:  # noqa: PLR2004  (three in the window of the shipped configuration)
             window_s, age_limit_s = min(LANDING_WINDOW_S, 4 * period_s), min(LANDING_AGE_S, 4 * period_s)
@@ -509,7 +609,7 @@ class _Maker:
         if 4 * period_s > LANDING_WINDOW_S:
             slow = f"{topic.name} comes at {1.0 / period_s:.3g} Hz, too slow to land by"
             self.found.append(f"{slow}: take a faster one for landing_detection")
-        return [f"landing: {{{', '.join(keys)}}}  # measured first", ""]
+        return [f"landing: {{{', '.join(keys)}}}  # measured first", ""] if keys else []
 
     def _begun_s(self) -> float:
         """Return when the last of the mapped sensors has begun."""
@@ -546,6 +646,21 @@ class _Maker:
         words = ", ".join(f"{word} {self._seconds(t_ns):+.1f} s" for t_ns, word in changes[:12])
         more = f" and {len(changes) - 12} more" if len(changes) > 12 else ""  # noqa: PLR2004
         self.found += [f"{what}: {words}{more}"] if changes else []
+
+
+def _is_command(topic: _Topic) -> bool:
+    """Return whether a pose is where the vehicle is to be, not where it is."""
+    return any(word in topic.name for word in _NOT_ESTIMATED)
+
+
+def _likeliest(those: Sequence[_Topic], good: Sequence[str], bad: Sequence[str]) -> Optional[_Topic]:
+    """Return the topic whose name has the most good words and no bad ones; of equals the one with most messages."""
+
+    def likeliness(topic: _Topic) -> Tuple[int, int]:
+        name = topic.name.lower()
+        return sum(w in name for w in good) - 2 * sum(w in name for w in bad), len(topic.times_ns)
+
+    return max(those, key=likeliness) if those else None
 
 
 def _oriented(message: Any, path: str) -> bool:
