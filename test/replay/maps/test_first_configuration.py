@@ -510,3 +510,20 @@ def test_a_sensor_whose_messages_mostly_share_a_time_of_the_simulation_has_its_m
     assert status == 0, said
     assert "imu: /imu, 251 Hz, fails after 0.3 s; severity highest\n" in said
     assert "found: /mag is not watched: its messages have one time, and no rate\n" in said
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("[indoor] hover", "test: hover", "@lab", "*best", "flight #3", "'x", "{a}", "- a", "%x", "über", "a\nb"),
+        "flug\udcf6",  # Latin-1, as Python has it
+    ],
+)
+def test_a_recording_may_have_any_name(capsys, tmp_path, flight_bag, name):
+    bag = flight_bag.rename(flight_bag.with_name(f"{name}.bag"))
+    status, said, folder = proposed(capsys, tmp_path, bag)
+    assert status == 0, said
+    shown = name.replace("\n", " ").replace("\udcf6", "\N{REPLACEMENT CHARACTER}")
+    about = yaml.safe_load((folder / "map.yaml").read_text(encoding="utf-8"))["about"]
+    assert about == f"{shown}.bag, proposed by amaze-replay map"
+    assert load_map(str(folder / "map.yaml")).about == about

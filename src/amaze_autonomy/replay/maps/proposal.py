@@ -6,6 +6,7 @@ to be looked at, and to give a first useful timeline without an edit. Each rule 
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from math import isfinite, sqrt
 from pathlib import Path
@@ -231,7 +232,9 @@ class _Maker:
         self.found[:0] = problems
         self.found += [words for words, damaged in unread if not damaged]
         rest = self._state_estimation() + self._landing() + self._script()
-        lines = [f"about: {', '.join(path.name for path in self._paths)[:300]}, proposed by amaze-replay map", ""]
+        self.found = [_decoded(text) for text in self.found]
+        names = _decoded(", ".join(path.name for path in self._paths)[:300])
+        lines = [f"about: {json.dumps(f'{names}, proposed by amaze-replay map')}", ""]
         lines += ["# What was found:"] + [f"#   {text}" for text in self.found or ["no flight: nothing tells of it"]]
         lines += ["# What no topic tells, so that the script plays it: " + (", ".join(self.scripted) or "nothing"), ""]
         lines += ["components:" + ("" if components else " {}"), *components, ""]
@@ -646,6 +649,11 @@ class _Maker:
         words = ", ".join(f"{word} {self._seconds(t_ns):+.1f} s" for t_ns, word in changes[:12])
         more = f" and {len(changes) - 12} more" if len(changes) > 12 else ""  # noqa: PLR2004
         self.found += [f"{what}: {words}{more}"] if changes else []
+
+
+def _decoded(text: str) -> str:
+    """Return a line with file names as they are shown: what is no UTF-8 in them is replaced."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace").replace("\n", " ")
 
 
 def _is_command(topic: _Topic) -> bool:
