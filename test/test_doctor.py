@@ -437,6 +437,20 @@ def test_our_own_name_in_another_namespace_is_no_remap(shipped, healthy, peer, p
     assert bad(shipped, replace(healthy, services=services, others=others)) == [Finding("warning", peer, said)]
 
 
+@pytest.mark.parametrize("row", STATUSES, ids=[row.name for row in STATUSES])
+def test_two_publishers_of_a_peer_s_status_are_wrong_and_how_ours_is_left_out_is_said(shipped, healthy, row):
+    peer = row.topic.split("/")[0]
+    status = SeenTopic((f"amaze_autonomy/{row.shape.message}",), (f"/my_{peer}", f"/{peer}"), 3)
+    assert bad(shipped, replace(healthy, topics={**healthy.topics, f"/{row.topic}": status})) == [
+        Finding(
+            "wrong",
+            row.topic,
+            f"/{row.topic} has two publishers: /my_{peer}, /{peer}",
+            f"stop or rename one of them; autonomy.launch leaves ours out with {peer}:=false",
+        )
+    ]
+
+
 def test_names_that_are_remapped_are_looked_at_where_they_are(shipped, healthy):
     topics = {**healthy.topics, "/my_planner/status": SeenTopic(("other/Status",), ("/my_planner",), 3)}
     topics["/lidar"] = topics.pop("/lrf/range")

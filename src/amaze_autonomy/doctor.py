@@ -361,6 +361,7 @@ class Wanted:
         level: of a name that nobody has; empty: nothing is said of it.
         md5: of the type; empty: as it is on this computer.
         talks: something must be heard on it.
+        alone: the argument of autonomy.launch that leaves ours out, where one node alone may publish it; else empty.
         line: the line to change when nobody has it.
     """
 
@@ -372,6 +373,7 @@ class Wanted:
     level: str = WARNING
     md5: str = ""
     talks: bool = False
+    alone: str = ""
     line: str = ""
 
 
@@ -455,7 +457,7 @@ def _of_ours(arrangement: Arrangement) -> Iterator[Wanted]:
         peer, kind = status.topic.split("/")[0], f"amaze_autonomy/{status.shape.message}"
         if arrangement.has(peer):
             start, name = arrangement.start(peer), arrangement.named(status.topic)
-            yield Wanted(name, name, kind, Way.PUBLISHED, start, level="")
+            yield Wanted(name, name, kind, Way.PUBLISHED, start, level="", alone=peer)
 
 
 def _of_cns(arrangement: Arrangement) -> Iterator[Wanted]:
@@ -524,6 +526,9 @@ def _had(row: Wanted, graph: Graph) -> Iterator[Finding]:
         yield Finding(WRONG, row.about, f"{whose} is {', '.join(kinds)}, {done} is {row.kind}", line)
     elif version:
         yield Finding(WRONG, row.about, f"{whose} is {row.kind} {version}", _same(row.kind))
+    elif row.alone and len(nodes) > 1:
+        line = f"{_ONE_OF_THEM}; autonomy.launch leaves ours out with {row.alone}:=false"
+        yield Finding(WRONG, row.about, f"{name} has {_counted(nodes)} publishers: {', '.join(nodes)}", line)
     elif row.talks and graph.topics[name].count == 0:
         yield Finding(WRONG, row.about, f"{whose} is silent")
     elif row.level:
