@@ -261,6 +261,32 @@ def test_two_estimates_on_one_topic_are_named(shipped, healthy):
     assert bad(shipped, graph) == [Finding("warning", "state_estimation", said, "stop or rename one of them")]
 
 
+LAUNCH = ("/usr/bin/python3", "/opt/ros/noetic/bin/roslaunch", "amaze_autonomy", "autonomy.launch")
+
+
+@pytest.mark.parametrize(
+    "words, said, line",
+    [
+        ((*LAUNCH, "mission_planner:=false", "config:=/x", "__name:=x", "--wait"), None, ""),
+        ((*LAUNCH, "mission_planer:=false"), "mission_planer:=false", "mission_planner:=false"),
+        ((*LAUNCH[:2], "/x/amaze_autonomy/launch/autonomy.launch", "cofnig:=/x"), "cofnig:=/x", "config:=/x"),
+        ((*LAUNCH, "zzz:=1"), "zzz:=1", ""),
+        ((*LAUNCH[:2], "others", "autonomy.launch", "zzz:=1"), None, ""),  # another package's
+        ((*LAUNCH[:2], "mine", "mine.launch", "zzz:=1"), None, ""),
+        (("python3", "amaze_autonomy", "autonomy.launch", "zzz:=1"), None, ""),
+    ],
+)
+def test_an_argument_that_autonomy_launch_does_not_have_is_named(shipped, monkeypatch, words, said, line):
+    monkeypatch.setattr(doctor, "_commands", lambda: [words])
+    found = [each for each in examine_host(shipped, "main") if each.about == "roslaunch"]
+    words = f"autonomy.launch has no argument {said}: nothing was done by it"
+    assert found == ([] if said is None else [Finding("warning", "roslaunch", words, line)])
+
+
+def test_commands_are_those_that_run_on_this_computer():
+    assert any("pytest" in word for words in doctor._commands() for word in words)
+
+
 def heard_of_two(graph, kinds):
     """Return what was heard of two publishers of one topic: twenty and ten messages a second."""
     heard, connected = graph.Heard(), []

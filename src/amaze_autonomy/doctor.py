@@ -2,17 +2,21 @@
 
 `examine` is pure: a configuration and a `Graph` in, findings out. `wanted` is the table of the names that the nodes of
 an arrangement ask, read and send: ours, those of the CNS Flight Stack, of mavros, of an estimator. `examine_host` looks
-at this computer: storage, ssh to the other platforms, time. What runs is looked at by `ros/graph.py`.
+at this computer: storage, ssh to the other platforms, what roslaunch was given, time. What runs is looked at by
+`ros/graph.py`.
 """
 
 from __future__ import annotations
 
 import difflib
 import enum
+import re
 import shutil
 import subprocess
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import ceil
+from pathlib import Path
 from typing import Dict, FrozenSet, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from .autopilot.mavros.messages import STATE, sources_of
@@ -24,7 +28,7 @@ from .interface import SERVICES, STATUSES
 from .missions import Frame
 from .monitoring.initialisation import InitialisationType
 from .monitoring.specs import ComponentSpec, EstimateSource, RangeSource, RestartPolicy, TopicSpec
-from .paths import expanded
+from .paths import config_folder, expanded
 from .recording.storage import needed_bytes, space_of, too_little
 
 GOOD, WARNING, WRONG = "good", "warning", "wrong"
@@ -34,6 +38,7 @@ _RUN_S = 8.0
 _CLOCK_S = 0.05  # off from the time server
 _IMU = "sensor_msgs/Imu"
 _OF_EVERYBODY = ("std_srvs", "mavros_msgs")  # types that do not tell a peer; mavros elsewhere is a key, no remap
+_ARGUMENT = re.compile(r'<arg name="([a-z]\w*)"')
 _ONE_OF_THEM = "stop or rename one of them"
 _RANGE_TYPES: Mapping[RangeSource, str] = {
     RangeSource.RANGE: "sensor_msgs/Range",
@@ -592,14 +597,15 @@ def _same(kind: str) -> str:
 
 
 def examine_host(configuration: Configuration, platform: str) -> Tuple[Finding, ...]:
-    """Look at this computer as a platform of recording.yaml: its storage, the collector's way to the others, its time.
+    """Look at this computer as a platform of recording.yaml: its storage, the way to the others, roslaunch, its time.
 
     Args:
         configuration: as loaded.
         platform: name of this computer, which recording.yaml has.
     """
     collects = platform == configuration.recording.collector
-    return (*_storage(configuration, platform), *(_ssh(configuration) if collects else ()), _time())
+    ssh = _ssh(configuration) if collects else ()
+    return (*_storage(configuration, platform), *ssh, *_launched(), _time())
 
 
 def _storage(configuration: Configuration, platform: str) -> Iterator[Finding]:
@@ -630,6 +636,33 @@ def _ssh(configuration: Configuration) -> Iterator[Finding]:
         else:
             line = f"ssh-copy-id -p {transfer.ssh_port} {transfer.host}; or recording.yaml, platforms.{platform.name}"
             yield Finding(WRONG, platform.name, f"ssh does not open {transfer.host}: {said}", line)
+
+
+def _launched() -> Iterator[Finding]:
+    """Say which arguments of a running roslaunch autonomy.launch does not have: roslaunch says nothing of them."""
+    arguments = (argument for words in _commands() if _is_launch(words) for argument in words if ":=" in argument)
+    given = [argument.split(":=", 1) for argument in arguments if not argument.startswith("_")]
+    file = config_folder().parent / "launch" / "autonomy.launch"
+    known = _ARGUMENT.findall(file.read_text(encoding="utf-8")) if given and file.is_file() else []
+    for name, value in given if known else ():
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1)
+            said = f"autonomy.launch has no argument {name}:={value}: nothing was done by it"
+            yield Finding(WARNING, "roslaunch", said, f"{close[0]}:={value}" if close else "")
+
+
+def _is_launch(words: Sequence[str]) -> bool:
+    """Return whether a command is a roslaunch of autonomy.launch, by its package or its path."""
+    ours = ("amaze_autonomy", "autonomy.launch") in zip(words, words[1:])
+    by_path = any(word.endswith("amaze_autonomy/launch/autonomy.launch") for word in words)
+    return (ours or by_path) and any(word.rpartition("/")[2] == "roslaunch" for word in words)
+
+
+def _commands() -> Iterator[Tuple[str, ...]]:
+    """Yield the commands that run on this computer, as their words."""
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):  # it has ended since
+            yield tuple(file.read_bytes().decode("utf-8", "replace").split("\0"))
 
 
 def _time() -> Finding:
