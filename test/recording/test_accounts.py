@@ -32,31 +32,31 @@ def test_names_of_recorders_files_are_read():
 def test_between_two_recorders_of_a_group_there_is_a_gap_though_the_first_one_closed_its_file():
     """A platform was asked to stop, or its node was ended, and it was asked again 30 s later."""
     files = [file(2, 50, 80), file(1, 0, 20)]
-    assert account(files, []) == Account([gap(2, 30.0, STOPPED, **between(20, 50))], {}, {})
+    assert account(files, []) == Account([gap(2, 30.0, STOPPED, **between(20, 50))], {}, {}, [])
 
 
 def test_what_was_numbered_while_it_was_stopped_is_told_with_the_gap():
     files = [file(1, 0, 20, imu=Numbers(1, 100)), file(2, 50, 80, imu=Numbers(251, 300))]
-    assert account(files, []) == Account([gap(2, 30.0, STOPPED, **between(20, 50), missing=150)], {}, {})
+    assert account(files, []) == Account([gap(2, 30.0, STOPPED, **between(20, 50), missing=150)], {}, {}, [])
 
 
 def test_a_gap_that_was_seen_lasts_from_the_last_message_to_the_next_one():
     seen = [gap(2, 0.4, "killed by SIGKILL")]
     files = [file(1, 0, 9.5, closed=False), file(2, 10, 20)]
-    assert account(files, seen) == Account([gap(2, 0.5, "killed by SIGKILL", **between(9.5, 10))], {}, {})
+    assert account(files, seen) == Account([gap(2, 0.5, "killed by SIGKILL", **between(9.5, 10))], {}, {}, [])
     assert seen == [gap(2, 0.4, "killed by SIGKILL")]
 
 
 def test_a_gap_that_nobody_saw_is_found():
     files = [file(1, 0, 9.5, closed=False), file(2, 10, 20), file(1, 0, 20, group="b")]
-    assert account(files, []) == Account([gap(2, 0.5, UNSEEN, **between(9.5, 10))], {}, {})
+    assert account(files, []) == Account([gap(2, 0.5, UNSEEN, **between(9.5, 10))], {}, {}, [])
 
 
 def test_recorders_that_wrote_nothing_are_one_gap():
     empty = Written("a", 2, closed=False)
     seen = [gap(2, 0.1, "killed by SIGKILL"), gap(3, 0.1, "killed by SIGKILL")]
     files = [file(1, 0, 9, closed=False), empty, file(3, 12, 20)]
-    assert account(files, seen) == Account([gap(2, 3.0, "killed by SIGKILL", **between(9, 12))], {}, {})
+    assert account(files, seen) == Account([gap(2, 3.0, "killed by SIGKILL", **between(9, 12))], {}, {}, [])
 
 
 def test_a_gap_inside_of_a_file_is_left_as_it_was_seen():
@@ -66,7 +66,7 @@ def test_a_gap_inside_of_a_file_is_left_as_it_was_seen():
 
 def test_a_file_that_was_split_is_one_recording():
     files = [file(1, 0, 10, split=0, imu=Numbers(1, 100)), file(1, 11, 20, split=1, imu=Numbers(103, 200))]
-    assert account(files, []) == Account([], {"/imu": 2}, {})
+    assert account(files, []) == Account([], {"/imu": 2}, {}, [])
 
 
 def test_the_end_of_a_last_file_that_is_open_is_told_unless_a_gap_follows():
@@ -81,7 +81,21 @@ def test_numbers_that_are_missing_in_a_gap_are_told_with_it_and_all_others_by_to
         file(1, 0, 9.5, closed=False, imu=Numbers(1, 100, missing=3)),
         file(2, 10, 20, imu=Numbers(151, 300, missing=4)),
     ]
-    assert account(files, []) == Account([gap(2, 0.5, UNSEEN, **between(9.5, 10), missing=50)], {"/imu": 7}, {})
+    assert account(files, []) == Account([gap(2, 0.5, UNSEEN, **between(9.5, 10), missing=50)], {"/imu": 7}, {}, [])
+
+
+def test_a_file_that_begins_before_the_last_message_of_the_one_before_proves_a_clock_that_was_set_back():
+    """A computer was started anew, without a battery for its clock; nobody knows how long it was away."""
+    seen_by_node = [gap(2, 0.4, "its computer was started anew"), gap(2, 1.0, "killed by SIGKILL", group="b")]
+    files = [file(1, 0, 40), file(2, 5, 90), file(1, 0, 9, group="b"), file(2, 10, 90, group="b")]
+    away = gap(2, None, "its computer was started anew", **between(40, 5))
+    known = account(files, seen_by_node)
+    assert known.gaps == [away, gap(2, 1.0, "killed by SIGKILL", group="b", **between(9, 10))]
+    assert known.set_back == ["a"]
+    split = [file(1, 0, 10), file(1, 3, 20, split=1)]
+    assert account(split, []) == Account([], {}, {}, ["a"]), "also where a file was only split"
+    for begin_s in (9.95, 10):
+        assert account([file(1, 0, 10), file(1, begin_s, 20, split=1)], []).set_back == []
 
 
 def seen(number, from_s, to_s):

@@ -759,6 +759,19 @@ def test_a_clock_that_is_set_back_while_the_session_is_recorded_is_noticed(in_fl
     assert fleet.collector.set_back_ns == 0
 
 
+def test_a_clock_that_is_set_back_while_the_node_is_started_again_is_noticed():
+    """What is kept for the next process changes every 10 s, not with each status: it is put on the disk each time."""
+    fleet, again = recording(), Fleet()
+    kept = []
+    for came_s in (101, 109, 110.5, 119):
+        fleet.collector.heard_engine(round(came_s * S), round(came_s * S), "s1", in_flight=True)
+        kept.append(json.dumps(fleet.collector.memory()))
+    assert len(set(kept)) == 2
+    again.collector.remember(0, json.loads(kept[-1]))
+    again.collector.heard_engine(79 * S, 79 * S, "s1", in_flight=True)
+    assert again.collector.set_back_ns == 31 * S, "so much at least"
+
+
 @pytest.mark.parametrize("phase", [PHASE.RECORDING, PHASE.FAILED])
 def test_a_clock_that_is_set_back_before_the_stop_is_noticed_and_one_before_a_retry_is_no_matter(phase):
     fleet = recording()

@@ -254,6 +254,25 @@ def test_a_clock_that_was_stepped_is_said_though_every_message_is_there(tmp_path
     assert summary.message.endswith(f"verified; lost: {step}")
 
 
+def test_a_clock_that_was_set_back_over_a_restart_and_set_right_again_hides_no_gap(tmp_path):
+    """20 s of the flight are missing; back without a battery for its clock, it is 60 s early until NTP comes."""
+    session = two_platforms(tmp_path, count=2)
+    (session / "second" / "realsense-01.bag").unlink()
+    early, right = rows("/c", 50), rows("/c", 50, first_ms=65_000)
+    files = [("realsense-01.bag", [rows("/c", 4000)]), ("realsense-02.bag", [early, right])]
+    anew = {"group": "realsense", "file": 2, "seconds": 0.0, "ending": "its computer was started anew"}
+    part(session / "second", *files, platform="second", gaps=[anew])
+    facts = {"flights": [[START_NS + 10 * S, START_NS + 85 * S]], "stopped_ns": START_NS + 90 * S}
+    summary = with_clock(session, 0.0, 0.0, **facts)
+    lost = (
+        "its clock was set back during the recording: its record times do not tell what was lost in the flight",
+        "realsense: an unknown time (its clock was set back), in which nothing was recorded "
+        "(its computer was started anew)",
+    )
+    assert summary.lost == summary.lost_in_flight == tuple(f"second/{each}" for each in lost)
+    assert manifest(session)["platforms"]["second"]["lost"] == list(lost)
+
+
 def test_where_the_clock_of_the_collector_was_set_back_every_gap_may_lie_in_the_flight(tmp_path):
     """100 s into the flight an hour is taken from it: who listened says so, or a flight that ends before it began."""
     session, hour_ns = two_platforms(tmp_path), 3600 * S
@@ -263,8 +282,8 @@ def test_where_the_clock_of_the_collector_was_set_back_every_gap_may_lie_in_the_
     gap = "main/states: 20.0 s, in which nothing was recorded (the storage was full)"
     before, after = ([[START_NS + s * S, START_NS + s * S + 10 * S]] for s in (0, 100))
     back = (
-        "the collector's clock was set back by {:,.1f} s during the recording: its record times are left as they are, "
-        "and do not tell what was lost in the flight"
+        "the collector's clock was set back by {:,.1f} s or more during the recording: its record times are left as "
+        "they are, and do not tell what was lost in the flight"
     )
     for flights, set_back_ns, lost in (
         (before, 0, ()), (after, hour_ns, (back.format(3600), gap)),

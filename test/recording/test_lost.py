@@ -64,6 +64,21 @@ def test_where_a_clock_may_have_been_stepped_what_was_lost_counts_whenever_it_wa
     ]
 
 
+def test_where_a_clock_was_set_back_it_is_said_and_all_counts_and_nobody_knows_how_long_a_gap_was():
+    """By that clock the gap lies before the takeoff, and ends before it began."""
+    away = {**GAP, "seconds": None, "from_ns": START_NS + 5 * S, "to_ns": START_NS + S, "missing": 1200}
+    earlier = {**GAP, "file": 1, "from_ns": START_NS, "to_ns": START_NS + S}
+    content = {"files": [], "gaps": [away, away, earlier], "set_back": ["cameras"]}
+    assert all_losses(content, Wanted(end_ns=START_NS + 50 * S, flights=((START_NS + 10 * S, START_NS + 40 * S),))) == [
+        Loss("its clock was set back during the recording: its record times do not tell what was lost in the flight"),
+        Loss(
+            "cameras: 2 times, together an unknown time (its clock was set back), at least 2,400 messages, in which "
+            "nothing was recorded (killed by SIGKILL)"
+        ),
+        Loss("cameras: 0.4 s, in which nothing was recorded (killed by SIGKILL)"),
+    ]
+
+
 def test_what_was_not_closed_may_have_missed_all_until_the_end():
     content = {"files": [], "open_ends": {"cameras": START_NS}}
     assert losses(content, START_NS + 12 * S) == ["cameras: up to 12.0 s at the end (its last file was not closed)"]

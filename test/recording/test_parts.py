@@ -40,7 +40,7 @@ def test_closed_bags_are_listed_with_bytes_messages_and_checksums(tmp_path):
     assert close_parts(tmp_path, FACTS) == listed(tmp_path)
     assert listed(tmp_path) == {
         "parts": 1, "session_id": "s1", "platform": "main", "gaps": [], "dropped": 0, "logs": [],
-        "missing": {}, "open_ends": {}, "recorded": {}, "uncounted": ["/a"],
+        "missing": {}, "open_ends": {}, "set_back": [], "recorded": {}, "uncounted": ["/a"],
         "files": [
             {"file": "states-01.bag", "bytes": path.stat().st_size, "messages": 20, "sha256": digest(path), "lost": 0}
         ],
@@ -164,7 +164,9 @@ def test_a_worse_bag_that_was_recovered_by_hand_is_passed_over(tmp_path, wrong):
 def test_two_recordings_of_one_name_are_both_listed(tmp_path):
     killed(tmp_path, "states-01.bag.active", rows("/a", 100))
     bag(tmp_path / "states-01.bag", rows("/a", 200, first_ms=9000))
-    assert [each["messages"] for each in close_parts(tmp_path, FACTS)["files"]] == [200, 100]
+    content = close_parts(tmp_path, FACTS)
+    assert [each["messages"] for each in content["files"]] == [200, 100]
+    assert content["set_back"] == [], "neither came before the other"
 
 
 def test_an_undo_file_that_is_damaged_is_no_reason_to_do_without_the_bag(tmp_path):

@@ -98,6 +98,7 @@ def moment(when: str, begun: int) -> str:
 
 
 _DRIFT_PPM = 500  # NTP slews a clock by no more (RFC 5905, MAXFREQ); a crystal drifts by a tenth of that
+_LAST_KEPT_NS = 10 * SECOND  # as often the next process is told the time: what it is told is put on the disk
 _LEAST_STEP_NS = 100_000_000  # chrony slews faster, to take away a little offset; what is shorter is told of no gap
 
 
@@ -698,6 +699,7 @@ class Collector:
             "summary": dict(self._summary),
             "stopped_ns": self.stopped_ns,
             "set_back_ns": self.set_back_ns,
+            "last_ns": None if self._last_ns is None else self._last_ns // _LAST_KEPT_NS * _LAST_KEPT_NS,
             "flights": None if self.flights is None else [list(each) for each in self.flights],
             "wanted": {name: dict(groups) for name, groups in self.wanted.items()},
             "keep_parts": self.keep_parts,
@@ -722,6 +724,7 @@ class Collector:
             view.anew = phase is Phase.STOPPING and self._uncollected
         self._summary, self.stopped_ns = dict(memory["summary"]), memory.get("stopped_ns")
         self.flights, self.set_back_ns = memory.get("flights"), int(memory.get("set_back_ns", 0))
+        self._last_ns = memory.get("last_ns")
         self.wanted = {str(name): dict(groups) for name, groups in memory.get("wanted", self.setup.wanted).items()}
         self.keep_parts = bool(memory.get("keep_parts", True))
 

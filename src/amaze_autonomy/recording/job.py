@@ -316,8 +316,8 @@ def _set_back(facts: Mapping[str, Any]) -> List[Loss]:
     """Return that the collector's clock was set back: nobody can tell of a time by it whether it was in the flight."""
     back_ns = facts.get("set_back_ns", 0)
     words = (
-        f"the collector's clock was set back by {back_ns / SECOND:,.1f} s during the recording: its record times are "
-        "left as they are, and do not tell what was lost in the flight"
+        f"the collector's clock was set back by {back_ns / SECOND:,.1f} s or more during the recording: its record "
+        "times are left as they are, and do not tell what was lost in the flight"
     )
     return [Loss(words)] if back_ns else []
 

@@ -10,7 +10,9 @@ numbers count what others get. So what is found is a lower bound.
 Each recorder of a group writes the next file. Between two recorders of a group there is a gap, whoever ended the first
 and however; it lasts from the last message of the one to the first of the other, by their record times. A group whose
 last file was not closed may have missed all that came after it; what it missed before its first recorder and after its
-last one is what lies between them and the flight.
+last one is what lies between them and the flight. A file that begins before the last message of the one before it
+proves that its computer's clock was set back, as by a restart without a battery for it: nobody knows how long that gap
+was, nor by its record times what was in the flight.
 """
 
 from __future__ import annotations
@@ -150,6 +152,7 @@ def _has_header(connection: Connection) -> bool:
 
 
 _NAME = re.compile(r"(.+)-(\d\d+)(?:_(\d+))?\.bag(\.active)?")
+_LEAST_NS = 100_000_000
 _UNSEEN = "its file was not closed, and nobody saw it end"
 _GONE = "a file in between is not there"
 
@@ -185,11 +188,13 @@ class Account(NamedTuple):
         gaps: times in which a group was not recorded, with the numbers that are missing over each.
         missing: numbers that are missing elsewhere, by topic.
         open_ends: time of the last message of each group whose last file was not closed, or has not one byte.
+        set_back: groups of which a file begins before the last message of the one before it.
     """
 
     gaps: List[Dict[str, Any]]
     missing: Dict[str, int]
     open_ends: Dict[str, int]
+    set_back: List[str]
 
 
 def written(name: str) -> Optional[Written]:
@@ -207,7 +212,7 @@ def account(files: Iterable[Written], gaps: Sequence[Mapping[str, Any]]) -> Acco
         files: of the part.
         gaps: that the machine saw.
     """
-    found = Account([dict(each) for each in gaps], {}, {})
+    found = Account([dict(each) for each in gaps], {}, {}, [])
     by_group: Dict[str, List[Written]] = {}
     for each in sorted(files, key=lambda each: (each.group, each.number, each.split)):
         by_group.setdefault(each.group, []).append(each)
@@ -223,6 +228,10 @@ def _account_group(found: Account, group: str, files: List[Written]) -> None:
         for (topic, _), numbers in each.numbers.items():
             _add(found.missing, topic, numbers.missing)
     for before, after in zip(files, files[1:]):
+        between_ns = (after.first_ns or 0) - (before.last_ns or 0)
+        set_back = between_ns < -_LEAST_NS and (before.number, before.split) != (after.number, after.split)
+        if set_back and group not in found.set_back:
+            found.set_back.append(group)
         missing = _missing_between(before, after)
         follows = before.number == after.number and after.split - before.split <= 1
         gap = None if follows else _gap(found, group, before, after)
@@ -231,7 +240,7 @@ def _account_group(found: Account, group: str, files: List[Written]) -> None:
                 _add(found.missing, topic, count)
             continue
         gap.update(from_ns=before.last_ns, to_ns=after.first_ns)
-        gap["seconds"] = max(0, (after.first_ns or 0) - (before.last_ns or 0)) / SECOND
+        gap["seconds"] = None if set_back else max(0, between_ns) / SECOND
         if sum(missing.values()):
             gap["missing"] = sum(missing.values())
 
@@ -314,7 +323,7 @@ def recorded(
 
 
 EDGE_NS = 2 * SECOND  # from takeoff or landing to a status that says so, and to a request, on a busy computer
-_LEAST_NS = 100_000_000
+_SET_BACK = "its clock was set back during the recording: its record times do not tell what was lost in the flight"
 Span = Tuple[int, Optional[int]]
 
 
@@ -361,9 +370,12 @@ def losses(content: Mapping[str, Any], wanted: Wanted = Wanted()) -> List[Loss]:
         content: its list (`parts.py`).
         wanted: what was to be recorded.
     """
+    set_back = bool(content.get("set_back"))
+    wanted = wanted._replace(sure=wanted.sure and not set_back)
     until_ns = wanted.end_ns if wanted.sure else None
     gaps = [gap for gap in (_until(each, until_ns) for each in content.get("gaps", [])) if gap is not None]
-    found = _of_files(content, gaps, wanted)
+    found = [Loss(_SET_BACK)] if set_back else []
+    found += _of_files(content, gaps, wanted)
     found += _of_gaps(gaps, wanted)
     found += _of_ends(content.get("open_ends", {}), wanted)
     found += _of_edges(content.get("recorded", {}), content.get("open_ends", {}), wanted)
@@ -437,20 +449,20 @@ def _is_end_told(last_ns: Optional[int], wanted: Wanted) -> bool:
 
 def _of_gaps(gaps: Sequence[Mapping[str, Any]], wanted: Wanted) -> List[Loss]:
     """Return the times in which a group was not recorded, one line for each group and cause."""
-    found: Dict[Tuple[str, str, bool], List[Mapping[str, Any]]] = {}
+    found: Dict[Tuple[str, str, bool, bool], List[Mapping[str, Any]]] = {}
     for gap in gaps:
         counts = wanted.counts(gap["group"], gap.get("from_ns"), gap.get("to_ns"))
-        found.setdefault((gap["group"], gap["ending"], counts), []).append(gap)
-    return [Loss(_of_cause(group, ending, mine), counts) for (group, ending, counts), mine in found.items()]
+        found.setdefault((gap["group"], gap["ending"], gap["seconds"] is None, counts), []).append(gap)
+    return [Loss(_of_cause(group, ending, mine), counts) for (group, ending, _, counts), mine in found.items()]
 
 
 def _of_cause(group: str, ending: str, gaps: Sequence[Mapping[str, Any]]) -> str:
     times = "" if len(gaps) == 1 else f"{len(gaps)} times, together "
+    known = [gap["seconds"] for gap in gaps if gap["seconds"] is not None]
+    how_long = f"{sum(known):.1f} s" if known else "an unknown time (its clock was set back)"
     missing = sum(gap.get("missing", 0) for gap in gaps)
     counted = f", at least {missing:,} messages," if missing else ","
-    return (
-        f"{group}: {times}{sum(gap['seconds'] for gap in gaps):.1f} s{counted} in which nothing was recorded ({ending})"
-    )
+    return f"{group}: {times}{how_long}{counted} in which nothing was recorded ({ending})"
 
 
 def _of_ends(open_ends: Mapping[str, int], wanted: Wanted) -> List[Loss]:
