@@ -130,6 +130,17 @@ def left(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
+def test_a_bag_in_a_part_that_is_no_recorders_is_named_in_the_log(tmp_path, caplog):
+    ends = {"problem": "", "files": 1, "foreign": ["landing.bag"]}
+    jobs = SimpleNamespace(run=lambda _request, _progress, ended: ended(ends))
+    machine = SimpleNamespace(session_id="s1", facts=dict, recovery_ended=lambda *_, **__: None)
+    share = SimpleNamespace(lock=threading.Lock(), jobs=jobs, now_ns=int, wake=threading.Event())
+    disk = SimpleNamespace(cost="")
+    platform = SimpleNamespace(name="main", machine=machine, folder=tmp_path, disk=disk, _share=share)
+    RecorderPlatform._recover(platform, None)
+    assert f"{tmp_path}/landing.bag is not a recorder's: it is not merged" in caplog.text
+
+
 @pytest.mark.usefixtures("umask_of_nodes")
 def test_what_is_kept_is_read_again_and_what_cannot_be_read_is_put_aside(tmp_path):
     memory = RecorderMemory(tmp_path / "state.json")

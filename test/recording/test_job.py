@@ -84,7 +84,9 @@ def test_a_problem_is_one_line_and_a_status(tmp_path):
 def test_it_closes_a_part(tmp_path):
     killed(tmp_path, "states-01.bag.active", rows("/a", 100))
     lines = []
-    assert run({"do": "close", "folder": str(tmp_path), "facts": FACTS}, lines.append) == {"problem": "", "files": 1}
+    assert run({"do": "close", "folder": str(tmp_path), "facts": FACTS}, lines.append) == {
+        "problem": "", "files": 1, "foreign": []
+    }  # fmt: skip
     assert lines == [{"phase": "RECOVERING", "progress": 1.0}]
 
 

@@ -169,6 +169,16 @@ def test_two_recordings_of_one_name_are_both_listed(tmp_path):
     assert content["set_back"] == [], "neither came before the other"
 
 
+@pytest.mark.parametrize("name", ["landing.bag", "x.bag", "states-01.copy.bag", "states-01.orig.bag", "all.bag.active"])
+def test_a_bag_whose_name_is_no_recorders_is_named_and_not_listed(tmp_path, name):
+    """Somebody cut or copied one there: with it, messages would be in the recording twice."""
+    path = bag(tmp_path / "states-01.bag", rows("/a", 20))
+    before = close_parts(tmp_path, FACTS)
+    shutil.copy(path, tmp_path / name)
+    assert close_parts(tmp_path, {**FACTS, "anew": True}) == listed(tmp_path) == {**before, "foreign": [name]}
+    assert digest(tmp_path / name) == digest(path)
+
+
 def test_an_undo_file_that_is_damaged_is_no_reason_to_do_without_the_bag(tmp_path):
     killed(tmp_path, "states-01.bag.active", rows("/a", 100), cut=30)
     close_parts(tmp_path, FACTS)

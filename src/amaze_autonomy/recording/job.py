@@ -568,7 +568,7 @@ def run(request: Mapping[str, Any], tell: _Tell) -> Dict[str, Any]:
         return {"problem": str(error)}
     except OSError as error:
         return {"problem": f"{error.filename or 'the storage'}: {error.strerror}; make space or repair it, then retry"}
-    return {"problem": "", "files": len(content["files"])}
+    return {"problem": "", "files": len(content["files"]), "foreign": content.get("foreign", [])}
 
 
 def _end_with_parent() -> None:

@@ -4,7 +4,8 @@ What a recorder left open is closed where it lies: the bytes that this changes a
 damaged elsewhere than at its end is recovered into a new bag, and the original stays beside that. Where that is gone
 later, or was cut, the new bag is all that there is, and stays listed. Where the storage has no space for it, it is
 listed as it is: the collector makes it whole. So it does where a merge finds damaged data in a bag whose index is good.
-A file of which nothing can be read is a loss that is told, and hinders no other.
+A file of which nothing can be read is a loss that is told, and hinders no other. A bag whose name no recorder gives, as
+one that somebody cut out of another, is named, and nothing else is done with it.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from amaze_autonomy.files import sha256_of, sync_folder
 from .errors import TransferError
 from .losses import Numbers, Stream, Written, account, header_numbers, recorded, written
 from .programs import LogState, read_line
-from .storage import PARTS, aside, is_as_listed, read_json, read_parts, write_json
+from .storage import PARTS, aside, is_as_listed, read_json, read_parts, recording_of, write_json
 
 _RECOVERED, _ACTIVE = ".recovered.bag", ".active"
 Progress = Callable[[int, int], None]
@@ -57,11 +58,11 @@ def _inside(lost: Optional[int]) -> Dict[str, Optional[int]]:
 
 
 def open_bags(folder: Path) -> List[Path]:
-    """Return what recorders wrote, in order of name; not what was recovered from it.
+    """Return what recorders wrote, in order of name; not what was recovered from it, nor what only lies there.
 
     What is gone is named where it was recovered before; where that is damaged now, it stands for what is gone.
     """
-    bags = [path for path in (*folder.glob("*.bag"), *folder.glob("*.bag.active")) if not path.name.startswith(".")]
+    bags = [path for path in _bags(folder) if _is_recorders(path.name)]
     recovered = {path for path in bags if path.name.endswith(_RECOVERED)}
     found = set(bags) - recovered
     for path in recovered - {_output(each, folder) for each in found}:
@@ -69,6 +70,22 @@ def open_bags(folder: Path) -> List[Path]:
         if _output(original, folder) == path:
             found.add(original if _is_good(path) else path)
     return sorted(found)
+
+
+def _bags(folder: Path) -> List[Path]:
+    found = (*folder.glob("*.bag"), *folder.glob(f"*.bag{_ACTIVE}"))
+    return sorted(path for path in found if not path.name.startswith("."))
+
+
+def _is_recorders(name: str) -> bool:
+    """Return whether a recorder gave a bag its name, or what it is called that is recovered from such a one."""
+    return written(f"{recording_of(name)}.bag") is not None
+
+
+def _foreign(folder: Path) -> Dict[str, List[str]]:
+    """Return the names of bags that are no recorder's, as a copy or a cut; nothing when there are none."""
+    foreign = [path.name for path in _bags(folder) if not _is_recorders(path.name)]
+    return {"foreign": foreign} if foreign else {}
 
 
 def _size(path: Path) -> int:
@@ -242,9 +259,9 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
         meter.add(size)
     known = account(files, facts.get("gaps", []))
     logs = sorted(folder.glob("*.log"))
-    gone = _gone(folder, entries, before, anew=anew)
+    more = {**_gone(folder, entries, before, anew=anew), **_foreign(folder)}
     facts = {key: value for key, value in facts.items() if key != "anew"}
-    content = {"parts": 1, **facts, **known._asdict(), **gone, "files": entries, "logs": [path.name for path in logs]}
+    content = {"parts": 1, **facts, **known._asdict(), **more, "files": entries, "logs": [path.name for path in logs]}
     content["dropped"] = max(int(facts.get("dropped", 0)), sum(map(_warnings, logs)))
     content["recorded"] = recorded(files, known.gaps, facts.get("seen", {}))
     content["uncounted"] = _uncounted(folder, entries, files)
@@ -359,9 +376,9 @@ def _recovered_by_hand(paths: Sequence[Path]) -> Dict[Path, List[Dict[str, Any]]
     With it comes the entry of that; none where that is not good, or has fewer messages than are in the open bag.
     """
     found: Dict[Path, List[Dict[str, Any]]] = {}
-    for path in paths:
+    for path in (each for each in paths if each.name.endswith(_ACTIVE)):
         whole = path.with_name(path.name[: -len(_ACTIVE)])
-        if path.name.endswith(_ACTIVE) and whole in paths:
+        if whole in paths:
             with suppress(BagError):  # of one that is no bag there is nothing twice
                 here, there = scan(path), scan(whole, check_data=False)
                 if here.chunks and _start_ns(here) == _start_ns(there):

@@ -157,7 +157,7 @@ class RecorderPlatform:
             rospy.logerr("the recorder of %s: %s", command.group, problem)
 
     def _recover(self, _command: asked.Recover) -> None:
-        machine, share, session = self.machine, self._share, self.machine.session_id
+        machine, share, session, folder = self.machine, self._share, self.machine.session_id, self.folder
         rospy.loginfo("%s: %s", self.name, self.disk.cost)
 
         def progress(line: Mapping[str, Any]) -> None:
@@ -165,13 +165,15 @@ class RecorderPlatform:
                 machine.recovery_progress(float(line["progress"]))
 
         def ended(result: Mapping[str, Any]) -> None:
+            for name in result.get("foreign", ()):
+                rospy.logwarn("%s/%s is not a recorder's: it is not merged", folder, name)
             with share.lock:
                 if machine.session_id == session:
                     killed = bool(result.get("killed"))
                     machine.recovery_ended(share.now_ns(), str(result["problem"]), killed=killed)
             share.wake.set()
 
-        share.jobs.run({"do": "close", "folder": str(self.folder), "facts": machine.facts()}, progress, ended)
+        share.jobs.run({"do": "close", "folder": str(folder), "facts": machine.facts()}, progress, ended)
 
     # --- memory and end -------------------------------------------------------------------------------------------
 
