@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_tools import COMPRESSIONS, MS, bag, digest, every_kill, multiset, rows, text, unclosed
+from bag_tools import COMPRESSIONS, MS, bag, digest, ending, every_kill, multiset, rows, text, unclosed
 from replay_bags import START_NS, write_bag
 
 from amaze_autonomy.bags.arrays import index_records
@@ -253,6 +253,24 @@ def test_a_merge_replaces_no_file_that_is_called_as_its_manifest_and_is_none(cap
     for _ in range(2):
         assert run(capsys, "merge", *two, "-o", output)[0] == 0
         output.unlink()
+
+
+def test_a_bag_without_an_ending_takes_not_the_manifest_of_the_one_with_it(capsys, tmp_path, two):
+    flight, other = tmp_path / "flight.bag", tmp_path / "flight"
+    assert run(capsys, "merge", *two, "-o", flight, "--verify", "--readers", "none")[0] == 0
+    kept = manifest_path(flight).read_bytes()
+    wrong = "is the manifest of flight.bag, and would be that of flight; give one of the two another name"
+    said = (1, "", f"amaze-bag: {manifest_path(flight)}: {wrong}\n")
+    for force in ((), ("--force",)):
+        assert run(capsys, "merge", two[0], "-o", other, *force) == said
+        assert not other.exists()
+    assert run(capsys, "cut", two[0], "-o", other, "--to", 0.1)[0] == 0
+    assert run(capsys, "cut", two[0], "-o", other, "--to", 0.1, "--force")[0] == 0
+    assert run(capsys, "verify", other) == run(capsys, "verify", other, two[0]) == said
+    assert manifest_path(flight).read_bytes() == kept
+    flight.rename(tmp_path / "x.bag")
+    manifest_path(flight).rename(tmp_path / "x.manifest.json")
+    assert run(capsys, "verify", tmp_path / "x.bag", "--readers", "none")[0] == 0, "it was given another name"
 
 
 def test_merge_verify_and_the_manifest(capsys, tmp_path, two):
@@ -556,6 +574,32 @@ def test_a_folder_is_no_bag(capsys, two, arguments, folder):
     more = two if arguments[0] == "merge" else []
     expected = f"amaze-bag: {folder}: is a folder; name a bag in it\n"
     assert run(capsys, *arguments, folder, *more) == (1, "", expected)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["info"], ["doctor"], ["recover"], ["recover", "--in-place"], ["verify"],
+        ["merge", "-o", "m.bag"], ["cut", "--to", "1", "-o", "m.bag"],
+    ],
+)  # fmt: skip
+def test_a_pipe_is_no_bag_and_nobody_waits_for_what_comes_out_of_it(capsys, tmp_path, monkeypatch, arguments):
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("x.bag")
+    with ending():
+        assert run(capsys, *arguments, "x.bag") == (1, "", "amaze-bag: x.bag: is a pipe; copy it into a file first\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["x.bag"]
+
+
+@pytest.mark.parametrize("command", ["merge", "cut", "recover"])
+@pytest.mark.parametrize("force", [(), ("--force",)])
+def test_a_device_or_a_pipe_is_replaced_by_no_bag(capsys, tmp_path, two, command, force):
+    output = tmp_path / "null"
+    os.mkfifo(output)
+    more = ("--to", 0.1) if command == "cut" else ()
+    said = f"amaze-bag: {output}: is a device or a pipe; name a file\n"
+    assert run(capsys, command, two[0], "-o", output, *more, *force) == (1, "", said)
+    assert [path.name for path in tmp_path.iterdir() if path.is_fifo()] == ["null"]
 
 
 @pytest.mark.slow_rows(1)

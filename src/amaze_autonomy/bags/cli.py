@@ -362,7 +362,7 @@ def _recovered(options: argparse.Namespace, progress: Any) -> Recovered:
 
 def _merge(options: argparse.Namespace) -> bool:
     """Merge, write the manifest, verify if asked."""
-    from .merge.manifest import manifest_path, merge_manifest, write_manifest
+    from .merge.manifest import check_place, manifest_path, merge_manifest, write_manifest
     from .merge.merge import MergeOptions, merge
 
     for option, given in (("--offsets-s", options.offsets_s), ("--origins", options.origins)):
@@ -380,6 +380,7 @@ def _merge(options: argparse.Namespace) -> bool:
         memory=options.memory,
     )
     check_output(manifest_path(options.output), "-o", Kind("manifest", _is_manifest))
+    check_place(options.output)
     with _progress_bar("merge") as progress:
         merged = merge(options.inputs, options.output, how, progress)
     manifest = merge_manifest(merged, options.inputs, how)
@@ -436,8 +437,9 @@ def _filter(options: argparse.Namespace) -> bool:
 
 def _verify(options: argparse.Namespace) -> bool:
     """Verify a merged bag and write the verdict into its manifest, where that is of these inputs."""
-    from .merge.manifest import applied_offsets, changed_inputs, manifest_path, read_manifest
+    from .merge.manifest import applied_offsets, changed_inputs, check_place, manifest_path, read_manifest
 
+    check_place(options.bag)
     place = manifest_path(options.bag)
     manifest = read_manifest(place) if place.is_file() else None
     inputs, offsets = options.inputs, options.offsets_s

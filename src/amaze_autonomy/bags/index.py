@@ -357,6 +357,7 @@ def read_head(path: Path) -> Tuple[int, int, Record]:
     Raises:
         BagError: It is no bag of version 2.0 that can be read.
     """
+    refuse_pipe(path)
     try:
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError as error:
@@ -370,6 +371,16 @@ def read_head(path: Path) -> Tuple[int, int, Record]:
     except OSError as error:
         os.close(file)
         raise BagError(str(path), f"cannot be read ({error.strerror})", "name a bag that you may read") from error
+
+
+def refuse_pipe(path: Path) -> None:
+    """Refuse a pipe before it is opened, which waits for who writes into it: a bag is read at many places.
+
+    Raises:
+        BagError: It is one.
+    """
+    if path.is_fifo():
+        raise BagError(str(path), "is a pipe", "copy it into a file first")
 
 
 def _bag_record(begin: bytes) -> Record:

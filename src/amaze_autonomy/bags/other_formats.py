@@ -23,6 +23,8 @@ from urllib.parse import quote
 
 import numpy as np
 
+from amaze_autonomy.files import is_stream
+
 from .arrays import SetBack, set_back
 from .definitions import types_of
 from .errors import BagError, MessageError, UndecodableError, cut_words
@@ -193,6 +195,8 @@ def other_recording(path: Path, memory: int = MEMORY) -> OtherRecording:
 
 
 def _format(path: Path) -> bytes:
+    if is_stream(path):
+        return b""
     try:
         with path.open("rb") as file:
             begin = file.read(16)

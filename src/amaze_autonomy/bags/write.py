@@ -139,13 +139,15 @@ class Output:
         needed: bytes that it is going to have, about; refused at once when the disk has less.
 
     Raises:
-        BagError: It exists, is being written by somebody else, or cannot be written.
+        BagError: It exists, is no file, is being written by somebody else, or cannot be written.
     """
 
     def __init__(self, path: Path, *, replace: bool = False, needed: int = 0) -> None:
         self.path, self._replace = path, replace
         if path.is_dir():
             raise BagError(str(path), "is a folder", "name a file, in it or elsewhere")
+        if path.exists() and not path.is_file():
+            raise BagError(str(path), "is a device or a pipe", "name a file")
         if path.exists() and not replace:
             raise _exists(path)
         self._part = temporary_name(path)
@@ -311,10 +313,11 @@ class Output:
         """Remove what was said of the bag that is replaced: before that, so that it is never said of this one."""
         if not self._replace:
             raise _exists(self.path)
-        from .merge.manifest import manifest_path  # noqa: PLC0415  (a circle, and seldom wanted)
+        from .merge.manifest import bag_of, manifest_path  # noqa: PLC0415  (a circle, and seldom wanted)
 
-        with suppress(FileNotFoundError):
-            manifest_path(self.path).unlink()
+        manifest = manifest_path(self.path)
+        if bag_of(manifest, self.path).name == self.path.name:
+            manifest.unlink(missing_ok=True)
 
 
 def index_of(connections: Dict[int, Connection], infos: List[bytes]) -> bytes:

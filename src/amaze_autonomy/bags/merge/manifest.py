@@ -90,6 +90,28 @@ def manifest_path(bag: Path) -> Path:
     return bag.with_name(f"{bag.name[:-4] if bag.name.endswith('.bag') else bag.name}.manifest.json")
 
 
+def bag_of(manifest: Path, bag: Path) -> Path:
+    """Return the bag that the manifest in a bag's place is of: those of `flight.bag` and `flight` have the same."""
+    try:
+        named = manifest.with_name(Path(str(read_manifest(manifest)["output"]["file"])).name)
+    except (ValueError, KeyError, TypeError):
+        return bag
+    return named if named.exists() and manifest_path(named) == manifest else bag
+
+
+def check_place(bag: Path) -> None:
+    """Refuse a bag whose manifest would have the place of another bag's.
+
+    Raises:
+        BagError: That one's lies there.
+    """
+    place = manifest_path(bag)
+    other = bag_of(place, bag)
+    if other.name != bag.name:
+        wrong = f"is the manifest of {other.name}, and would be that of {bag.name}"
+        raise BagError(str(place), wrong, "give one of the two another name")
+
+
 def merge_manifest(merged: Merged, inputs: Sequence[Path], options: MergeOptions) -> Dict[str, Any]:
     """Return the manifest of a bag that was merged and not verified yet; reads indexes only."""
     offsets, origins = options.offsets_ns or (0,) * len(inputs), options.origins_of(len(inputs))

@@ -24,7 +24,7 @@ from amaze_autonomy.files import sync_folder, write_whole
 
 from ..errors import BagError, RecordError
 from ..format import FIRST_RECORD, MEMORY, bag_header, chunk_header, chunk_info, decompressed, read_at, record_at
-from ..index import Index, chunk_head
+from ..index import Index, chunk_head, refuse_pipe
 from ..write import Output, index_of, refuse_input
 from .salvage import rewritten, salvaged
 from .scan import Found, Scan, scan
@@ -210,6 +210,7 @@ def _prepare(path: Path, final: Path) -> None:
 
 def _check_unused(path: Path) -> None:
     """Refuse a file that a process has open for writing: the system gives no lease for reading on such a one."""
+    refuse_pipe(path)
     try:
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError as error:
