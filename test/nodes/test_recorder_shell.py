@@ -241,7 +241,7 @@ def sent(tmp_path):
         '{"files": [{"file": 1}]}',
         '{"files": [{"file": "\\udc80.bag"}]}',
         '{"files": [{"file": "a\\nb"}]}',
-        '{"files": [], "logs": null}',
+        '{"files": [], "gaps": 3}',
         '{"files": [], "logs": [1]}',
         '{"files": [], "logs": ["\\udc80"]}',
         "[]",

@@ -400,6 +400,16 @@ def test_the_part_of_an_own_recorder_needs_a_list_of_its_files_and_no_more(tmp_p
             collect(Plan(session / "s1_m.bag", (main, second._replace(fetched=fetched)), facts=flight))
 
 
+def test_what_a_list_does_not_know_may_be_null_and_a_checksum_in_capitals(tmp_path):
+    session = two_platforms(tmp_path)
+    path = session / "second" / "parts.json"
+    content = json.loads(path.read_text())
+    content.update(dict.fromkeys(("gaps", "missing", "recorded", "open_ends", "dropped", "topics", "logs")))
+    content["files"][0]["sha256"] = content["files"][0]["sha256"].upper()
+    path.write_text(json.dumps(content))
+    assert collect(plan(session)).message.endswith("900 messages of main and second, verified; nothing was lost")
+
+
 def test_an_empty_bag_and_a_bag_without_messages_do_no_harm(tmp_path):
     session = two_platforms(tmp_path)
     write_empty_bag(session / "second" / "other-01.bag")

@@ -1,6 +1,8 @@
 """A part is made whole and listed; what arrives elsewhere is compared with the list."""
 
+import hashlib
 import json
+import math
 import os
 import shutil
 from pathlib import Path
@@ -402,7 +404,7 @@ def test_a_list_that_names_a_file_of_somebody_else_is_refused_and_touches_nothin
     before = digest(main / "a-01.bag")
     (tmp_path / "second").mkdir()
     named = name.format(tmp_path)
-    forged = {"parts": 1, "files": [{"file": named, "bytes": 1, "sha256": "0"}]}
+    forged = {"parts": 1, "files": [{"file": named, "bytes": 1, "sha256": 64 * "0"}]}
     (tmp_path / "second" / PARTS).write_text(json.dumps(forged))
     with pytest.raises(TransferError, match="names a file that is none of this part"):
         check_arrived(tmp_path / "second")
@@ -465,3 +467,39 @@ def test_what_arrived_and_is_no_list_is_said(tmp_path, content):
         TransferError, match="is missing, or no list of a part; nobody knows whether it is whole; retry"
     ):
         check_arrived(tmp_path)
+
+
+ENTRY = {"file": "a-01.bag", "bytes": 0, "sha256": hashlib.sha256().hexdigest(), "lost": None}
+GAP = {"group": "a", "file": 2, "seconds": 1.0, "ending": "it ended"}
+LISTS = {
+    "all": {
+        "files": [ENTRY, {"file": "a-02.bag", "unreadable": True}], "logs": ["a.log"], "dropped": 3,
+        "gaps": [GAP, {**GAP, "seconds": None, "from_ns": 1, "to_ns": 2, "missing": 3}], "missing": {"/c": 1},
+        "recorded": {"a": [1, None]}, "open_ends": {"a": 1}, "topics": {"a": ["/c"]}, "gone": ["a-03.bag"],
+    },
+    **{
+        str(wrong): {"files": [ENTRY], **wrong}
+        for wrong in (
+            {"files": [ENTRY, ENTRY]}, {"files": [{**ENTRY, "lost": -5}]}, {"files": [{**ENTRY, "lost": "5"}]},
+            {"files": [{**ENTRY, "bytes": "0"}]}, {"files": [{**ENTRY, "sha256": None}]},
+            {"files": [{"file": "a-01.bag"}]},
+            {"files": [{**ENTRY, "sha256": "1f"}]}, {"gaps": 3}, {"gaps": [{**GAP, "ending": None}]},
+            {"gaps": [{"group": "a", "file": 2, "ending": "it ended"}]}, {"gaps": [{**GAP, "seconds": math.nan}]},
+            {"dropped": "3"}, {"missing": {"/c": -1}}, {"recorded": {"a": None}}, {"recorded": {"a": [1]}},
+            {"open_ends": []}, {"topics": {"a": "/c"}}, {"gone": "a-03.bag"}, {"set_back": [1]},
+        )
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LISTS)
+def test_a_list_that_says_what_cannot_be_is_none_and_puts_no_file_aside(tmp_path, name):
+    """An own recorder wrote it: each retry would fetch the same files again."""
+    (tmp_path / "a-01.bag").write_bytes(b"")
+    (tmp_path / PARTS).write_text(json.dumps(LISTS[name]))
+    if name == "all":
+        assert check_arrived(tmp_path) == LISTS["all"]
+    else:
+        with pytest.raises(TransferError, match=r"parts\.json: is missing, or no list of a part"):
+            check_arrived(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a-01.bag", PARTS]

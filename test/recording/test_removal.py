@@ -17,7 +17,9 @@ def part(folder, entries):
     folder.mkdir(parents=True)
     for name in ("a-01.bag", "a-02.bag.active", "a-02.recovered.bag", "a-03.bag", "a-03.bag.undo", "notes.txt"):
         (folder / name).write_text("x")
-    (folder / "parts.json").write_text(json.dumps({"parts": 1, "files": [{"sha256": X, **each} for each in entries]}))
+    (folder / "parts.json").write_text(
+        json.dumps({"parts": 1, "files": [{"bytes": 1, "sha256": X, **each} for each in entries]})
+    )
     return folder
 
 

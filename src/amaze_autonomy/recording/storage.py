@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import re
 import shutil
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
-from typing import Any, Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.recover.recover import undo_is_of, undo_path
@@ -66,16 +67,6 @@ def read_json(path: Path) -> Optional[Dict[str, Any]]:
     return value if isinstance(value, dict) else None
 
 
-def read_parts(folder: Path) -> Optional[Dict[str, Any]]:
-    """Return the list of a part; None when there is none, or it names no files: a stranger may have sent it."""
-    content = read_json(folder / PARTS) or {}
-    files, logs = content.get("files"), content.get("logs", [])
-    if not isinstance(files, list) or not isinstance(logs, list):
-        return None
-    names = [each.get("file") if isinstance(each, dict) else None for each in files] + logs
-    return content if all(isinstance(name, str) and name.isprintable() for name in names) else None
-
-
 def is_as_listed(path: Path, entry: Mapping[str, Any]) -> bool:
     """Tell whether a file is what the list of its part says of it, byte for byte; one that cannot be read is not."""
     with suppress(OSError):
@@ -98,6 +89,107 @@ def space_of(folder: Path) -> Optional[Space]:
     except OSError:
         return None
     return Space(usage.free, usage.free / usage.total if usage.total else 0.0)
+
+
+# --- the list of a part -----------------------------------------------------------------------------------------------
+# A stranger may have written it. What is not there, or null, is not known; what cannot be makes it none.
+
+
+_log = logging.getLogger(__name__)
+Shape = Callable[[Any], bool]
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and value.isprintable()
+
+
+def _is_sha256(value: Any) -> bool:
+    return isinstance(value, str) and re.fullmatch("[0-9a-fA-F]{64}", value) is not None
+
+
+def _is_count(value: Any) -> bool:
+    return type(value) is int and value >= 0
+
+
+def _is_length(value: Any) -> bool:
+    return isinstance(value, (int, float)) and 0 <= value < math.inf
+
+
+def _or_null(shape: Shape) -> Shape:
+    return lambda value: value is None or shape(value)
+
+
+def _several(shape: Shape) -> Shape:
+    return lambda value: isinstance(value, list) and all(map(shape, value))
+
+
+def _by_name(shape: Shape) -> Shape:
+    return lambda value: isinstance(value, dict) and all(map(shape, value.values()))
+
+
+def _are_others(entries: Sequence[Mapping[str, Any]]) -> bool:
+    return len({each["file"] for each in entries}) == len(entries)
+
+
+def _object(needed: Mapping[str, Shape], others: Mapping[str, Shape]) -> Shape:
+    shapes = {**needed, **others}
+
+    def is_one(value: Any) -> bool:
+        if not isinstance(value, dict) or not needed.keys() <= value.keys():
+            return False
+        return all(shape(value[key]) for key, shape in shapes.items() if key in value)
+
+    return is_one
+
+
+_CHECKSUMS = ("sha256", "changed", "listed_as")
+_FILE = {"file": _is_name}
+_TOLD = {
+    "messages": _is_count,
+    **dict.fromkeys(("lost", "lost_inside"), _or_null(_is_count)),
+    **dict.fromkeys(_CHECKSUMS, _is_sha256),
+    **dict.fromkeys(("recovered_from", "undo", "undo_damaged", "problem"), _is_text),
+}
+_WHOLE = _object({**_FILE, "bytes": _is_count, "sha256": _is_sha256}, _TOLD)
+_UNREADABLE = _object({**_FILE, "unreadable": bool}, _TOLD)  # it has no checksum
+_GAP = _object(
+    {"group": _is_text, "file": _is_count, "seconds": _or_null(_is_length), "ending": _is_text},
+    {"from_ns": _or_null(_is_count), "to_ns": _or_null(_is_count), "missing": _is_count},
+)
+_ENDS = 2  # from when to when
+_SPAN = _several(_or_null(_is_count))
+_SHAPES: Mapping[str, Shape] = {
+    "files": lambda value: _several(lambda each: _UNREADABLE(each) or _WHOLE(each))(value) and _are_others(value),
+    "logs": _several(_is_name),
+    "topics": _by_name(_several(_is_text)),
+    "gaps": _several(_GAP),
+    "recorded": _by_name(lambda each: _SPAN(each) and len(each) == _ENDS),
+    **dict.fromkeys(("open_ends", "missing"), _by_name(_is_count)),
+    "dropped": _is_count,
+    **dict.fromkeys(("uncounted", "gone", "foreign", "set_back"), _several(_is_text)),
+}
+
+
+def read_parts(folder: Path) -> Optional[Dict[str, Any]]:
+    """Return the list of a part, checksums in small letters; None when there is none, or it says what cannot be."""
+    content = read_json(folder / PARTS)
+    if content is None:
+        return None
+    known = {key: value for key, value in content.items() if value is not None}
+    wrong = [key for key, shape in _SHAPES.items() if key in known and not shape(known[key])]
+    if wrong or "files" not in known:
+        _log.warning("%s: %s: that cannot be", folder / PARTS, ", ".join(wrong or ["files"]))
+        return None
+    return {**known, "files": [{**each, **_small(each)} for each in known["files"]]}
+
+
+def _small(entry: Mapping[str, Any]) -> Dict[str, str]:
+    """Return the checksums of an entry in small letters, as ours are."""
+    return {key: str(entry[key]).lower() for key in _CHECKSUMS if key in entry}
 
 
 # --- a part that is fetched again -------------------------------------------------------------------------------------
@@ -210,9 +302,6 @@ def time_left_s(space: Optional[Space], rate: float, reserve: int) -> Optional[f
 
 
 # --- removal ----------------------------------------------------------------------------------------------------------
-
-
-_log = logging.getLogger(__name__)
 
 
 def remove_part(folder: Path, recordings: Path, verified: Mapping[str, str]) -> None:
