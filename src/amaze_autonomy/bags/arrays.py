@@ -351,7 +351,7 @@ def relabel(buffer: Any, table: Table, connection: Any, shift_ns: int) -> Table:
 # in order of time lies one over the other. Each connection is looked at alone: a converter may write topic by topic.
 
 
-_UNSET_NS = SECOND // 10  # writers with several threads are not late by as much
+UNSET_NS = SECOND // 10  # writers with several threads are not late by as much
 
 
 class SetBack(NamedTuple):
@@ -396,7 +396,7 @@ def _step(t_ns: Any, chunk: Any, offset: Any) -> Optional[SetBack]:
     if bool((np.diff(t_ns) >= 0).all()):
         return None
     latest = np.maximum.accumulate(t_ns)
-    late = np.flatnonzero(latest - t_ns > _UNSET_NS)
+    late = np.flatnonzero(latest - t_ns > UNSET_NS)
     if not len(late):
         return None
     return SetBack(int((latest - t_ns).max()), int(t_ns[late].min()), int(latest[late].max()))

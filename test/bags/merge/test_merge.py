@@ -508,3 +508,14 @@ def test_a_reader_that_is_found_and_cannot_be_imported_is_not_asked(tmp_path, mo
     readings = {each.reader: each.error for each in read_with(path, every_message=False)}
     assert readings["rosbags"] == ""
     assert ("rosbag" in readings, "Cryptodome" in readings.get("rosbag", "")) == (elsewhere, False)
+
+
+def test_a_bag_whose_clock_was_set_back_is_put_in_order_of_time_and_that_is_said(tmp_path):
+    back = rows("/a", 50) + rows("/a", 100, first_ms=-200, tag="later ")
+    first = write_bag(tmp_path / "a.bag", back, "none", chunk_bytes=500)
+    result = merge([first, bag(tmp_path / "b.bag", rows("/b", 100))], tmp_path / "m.bag")
+    (said,) = result.warnings
+    assert said.startswith(f"{first}: its clock was set back by 0.690 s or more at +0.690 s: what was recorded before ")
+    assert said.endswith("; it is put in order of time")
+    assert multiset(result.path) == multiset(first, tmp_path / "b.bag")
+    assert merge([result.path], tmp_path / "again.bag").warnings == ()

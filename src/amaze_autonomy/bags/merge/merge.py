@@ -3,15 +3,15 @@
 Message records are copied as slices of bytes; only connection numbers, and times when clocks are corrected, are written
 into them before. Inputs are read a few megabytes at a time, always from the one that is behind, so that memory does not
 depend on their size but on how far their chunks overlap. Compressed chunks that overlap no other are copied as they
-are. Messages of the same time come in the order of the inputs, then in that of their files.
+are. Messages of the same time come in the order of the inputs, then in that of their chunks' first times.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import cached_property
-from itertools import groupby, islice
+from itertools import accumulate, groupby, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from amaze_autonomy.units import SECOND
 
-from ..arrays import Table, check_times, relabel
+from ..arrays import UNSET_NS, Table, by_connection, check_times, relabel, set_back
 from ..errors import BagError
 from ..format import MEMORY, UNDECODABLE, UNREADABLE, Connection, Identity
 from ..index import ChunkHead, ChunkInfo, Index
@@ -384,6 +384,7 @@ def merge(
     options = options or MergeOptions()
     with ExitStack() as stack:
         indexes = [stack.enter_context(Index(path, options.memory)) for path in inputs]
+        back = [words for words in map(_set_back, indexes) if words]
         offsets, origins = options.offsets_ns or (0,) * len(indexes), options.origins_of(len(indexes))
         _check(indexes, offsets, output)
         if options.selection is None:
@@ -407,8 +408,25 @@ def merge(
         stack.callback(writing.stop)
         _run(sources, writing, stack.enter_context(Pool()), progress)
         size = out.close(unified.connections)
-    warnings = (*unified.warnings, *_duplicate_warnings(writing.duplicates, options.duplicates))
+    warnings = (*unified.warnings, *back, *_duplicate_warnings(writing.duplicates, options.duplicates))
     return Merged(output, size, writing.messages, writing.copied, writing.duplicates, warnings)
+
+
+def _set_back(index: Index) -> str:
+    """Return that the clock of an input was set back, which its chunks show; an empty text when it was not."""
+    filled = [chunk for chunk in index.chunks if chunk.counts]
+    latest = accumulate((chunk.end_ns for chunk in filled), max)
+    if all(before_ns - chunk.start_ns <= UNSET_NS for before_ns, chunk in zip(latest, filled[1:])):
+        return ""
+    step = None
+    with suppress(BagError):  # a damaged index is refused where its chunk is wanted
+        messages = index.messages()
+        columns = (messages.t_ns, messages.chunk, messages.offset)
+        rows = by_connection(messages.connection).values()
+        step = set_back(tuple(column[each] for column in columns) for each in rows)
+    if step is None:
+        return ""
+    return f"{index.path}: {step.words(min(chunk.start_ns for chunk in filled))}; it is put in order of time"
 
 
 def _used(index: Index, selection: Selection) -> Unified:
