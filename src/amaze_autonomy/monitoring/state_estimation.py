@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from math import degrees, isfinite, sqrt
+from math import degrees, isfinite, isnan, sqrt
 from typing import Callable, Deque, List, NamedTuple, Optional, Tuple
 
 from ..engine.events import Check, Verdict
@@ -124,12 +124,16 @@ def estimate_tilt_row(estimate: Estimate, spec: StateEstimationSpec) -> Check:
 
 
 def deviation_rows(estimate: Estimate, spec: StateEstimationSpec) -> Tuple[Check, ...]:
-    """Judge how sure the estimator is of position and orientation."""
+    """Judge how sure the estimator is of position and orientation; a diagonal that is NaN throughout is none.
+
+    So mavros says "unknown": of a covariance that is NaN in a part, as of a PX4 of before 2026, its rotation makes NaN.
+    """
+    position, orientation = estimate.position_variance, estimate.orientation_variance
+    if all(map(isnan, (*(position or ()), *(orientation or ())))):
+        position = orientation = None
     return (
-        _deviation("position deviation", estimate.position_variance, spec.position_deviation_limit_m, "m", spec),
-        _deviation(
-            "orientation deviation", estimate.orientation_variance, spec.orientation_deviation_limit_rad, "rad", spec
-        ),
+        _deviation("position deviation", position, spec.position_deviation_limit_m, "m", spec),
+        _deviation("orientation deviation", orientation, spec.orientation_deviation_limit_rad, "rad", spec),
     )
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from math import cos, radians, sin
+from math import cos, nan, radians, sin
 from random import Random
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from replay_bags import S
 
+from amaze_autonomy.engine.events import Verdict
 from amaze_autonomy.monitoring.specs import EstimateSource, StateEstimationSpec
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor
 from amaze_autonomy.replay.maps.topic_map import Reading
@@ -55,7 +57,7 @@ def tracks_of(told, random):
             if len(imu) % 3 == 0:
                 stamp_ns = random.choice([0, now, now - S // 10, now - S])
                 pose = (1.0, 2.0, spread_m * random.random(), 0.0, -sin(believed / 2), 0.0, cos(believed / 2))
-                rest = [random.choice([0.0, 1e-4])] * 6 + [0.0, 0.1, 0.0]
+                rest = [random.choice([0.0, 1e-4, nan])] * 6 + [0.0, 0.1, 0.0]
                 estimates.append((now + 7, (*divmod(stamp_ns, S), *pose, *rest)))
     return imu, estimates
 
@@ -91,6 +93,15 @@ def test_samples_together_are_judged_as_one_after_the_other(told, random):
         if taken[1]:
             assert repr(together.check(asked_ns)) == repr(alone.check(asked_ns))
             assert repr(together.in_motion(asked_ns)) == repr(alone.in_motion(asked_ns))
+
+
+@pytest.mark.parametrize("last, verdict", [(nan, Verdict.WARN), (1e-4, Verdict.FAIL)])
+def test_a_covariance_of_nothing_but_nan_is_none_here_too(last, verdict):
+    monitor = StateEstimationMonitor(SPEC)
+    pose = (1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    EstimateFeed(monitor, ESTIMATE).take_values(START_NS, (0, 0, *pose, *[nan] * 5, last, 0.0, 0.0, 0.0))
+    rows = {row.name: row.verdict for row in monitor.check(START_NS).checks}
+    assert (rows["position deviation"], rows["orientation deviation"]) == (verdict, verdict)
 
 
 @settings(max_examples=40, deadline=None)
