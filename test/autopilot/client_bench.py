@@ -9,7 +9,7 @@ from pathlib import Path
 from amaze_autonomy.autopilot.link.connection import heartbeat
 from amaze_autonomy.autopilot.link.peers import Identity, Peers
 from amaze_autonomy.autopilot.link.wire import Wire
-from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
+from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient, switch_messages
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.monitoring.specs import BatterySpec
 
@@ -34,7 +34,8 @@ class ClientBench:
         self.far.px4.connect("client")
         self.client = AutopilotClient(settings or AutopilotSettings(), BatterySpec(cells=4), lambda: (1, 1))
         self._peers, self._kind = Peers(Identity(1, 191)), kind
-        self._ours, self._theirs = Wire(1, 191, CLIENT_MESSAGES), Wire(1, 1)
+        self._wanted = (*CLIENT_MESSAGES, *switch_messages(self.client.settings))
+        self._ours, self._theirs = Wire(1, 191, self._wanted), Wire(1, 1)
         self._noise, self._lost = random.Random(7), lost
         self.sent, self.cut, self.deaf = [], False, ()
         self._beat_ns = self._wake_ns = self._at = 0
@@ -64,7 +65,7 @@ class ClientBench:
         heard, self._at = self.far.heard[self._at :], len(self.far.heard)
         for _, _, message in heard:
             if (
-                message.get_type() not in CLIENT_MESSAGES
+                message.get_type() not in self._wanted
                 or message.get_type() in self.deaf
                 or self.cut
                 or self._noise.random() < self._lost

@@ -6,6 +6,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from client_bench import ClientBench
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.mavros.messages import Converter, sources_of
@@ -51,12 +52,15 @@ def test_nothing_takes_off_with_it_on_or_unheard(width_us, verdict, advice):
     client = AutopilotClient(
         replace(AutopilotSettings(), land_switch=LandSwitchSpec(channel=7)), BatterySpec(), lambda: (1, 1)
     )
-    for t_ms in (0, 400):
+    for t_ms in range(0, 1600, 100):
         beat = mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_PX4, 1, 4 << 16, 3, 3)
         client.receive(t_ms * MS, beat)
+        if t_ms % 500 == 0:
+            system = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15000, -1, 90, 0, 0, 0, 0, 0, 0)
+            client.receive(t_ms * MS, system)
         if width_us is not None:
             client.receive(t_ms * MS, channels(width_us))
-    row = next(row for row in client.rows(400 * MS, None) if row.name == "land switch")
+    row = next(row for row in client.rows(1500 * MS, None) if row.name == "land switch")
     assert (row.verdict, row.advice) == (verdict, advice)
 
 
@@ -76,6 +80,40 @@ def test_channels_of_a_transmitter_that_is_not_heard_say_nothing(autopilot, widt
         client.receive(t_ms * MS, channels(width_us))
     row = next(row for row in client.rows(2900 * MS, None) if row.name == "land switch")
     assert (client.land_switch.on(2900 * MS), row.verdict) == (None, Verdict.UNKNOWN)
+
+
+def flown(phase_ms):
+    """Return a vehicle that flies, its client with a land switch, some time after its last SYS_STATUS."""
+    settings = replace(AutopilotSettings(), land_switch=LandSwitchSpec(channel=7))
+    bench = ClientBench(settings=settings, land_channel=7).fly()
+    reports = bench.vehicle.system.sequence
+    return bench.until(lambda: bench.vehicle.system.sequence > reports, 2.0).advance(phase_ms / 1000)
+
+
+def says_land_after_s(bench, limit_s):
+    """Return when the switch says land; None: not within that time."""
+    begin_ns = bench.t_ns
+    while bench.t_ns < begin_ns + round(limit_s * 1000 * MS):
+        bench.step()
+        if bench.client.land_switch.on(bench.t_ns):
+            return (bench.t_ns - begin_ns) / (1000 * MS)
+    return None
+
+
+@pytest.mark.parametrize("phase_ms", range(0, 500, 100))
+def test_a_receiver_that_makes_its_channels_up_lands_nobody(phase_ms):
+    """Every channel at 2000 us, at once: PX4 notices half a second later, and says so within another half."""
+    bench = flown(phase_ms)
+    bench.far.craft.flags.not_ready["rc"] = "no transmitter"
+    assert says_land_after_s(bench, 3.0) is None
+    assert bench.far.last("RC_CHANNELS").chan7_raw == 2000, "made up all the while"
+
+
+@pytest.mark.parametrize("phase_ms", range(0, 500, 100))
+def test_a_pilot_who_throws_it_needs_not_to_wait_for_long(phase_ms):
+    bench = flown(phase_ms)
+    bench.far.craft.flags.land_switch = True
+    assert 0.7 <= says_land_after_s(bench, 3.0) <= 1.4
 
 
 def test_without_a_channel_there_is_no_row_and_nothing_is_asked_for():

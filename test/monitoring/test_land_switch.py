@@ -1,4 +1,4 @@
-"""A switch of the transmitter that means: land. Held for a while by fresh channels; asked for in flight, and again."""
+"""A switch of the transmitter that means: land. Held, its transmitter still heard; asked for in flight, and again."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def land(t_ns):
 
 
 def heard(*readings, begin_ns=0, **limits):
-    """Return a switch that has heard (milliseconds, width) each."""
+    """Return a switch that has heard (milliseconds, width, reports on the transmitter so far) each."""
     switch = LandSwitchMonitor(LandSwitchSpec(channel=7, **limits))
-    for t_ms, width_us in readings:
-        switch.add(begin_ns + t_ms * MS, width_us)
+    for t_ms, width_us, reports in readings:
+        switch.add(begin_ns + t_ms * MS, width_us, reports)
     return switch
 
 
@@ -32,30 +32,34 @@ def heard(*readings, begin_ns=0, **limits):
     "readings, on",
     [
         ([], None),
-        ([(0, OFF)], False),
-        ([(0, ON)], False),  # not long enough yet
-        ([(0, ON), (299, ON)], False),
-        ([(0, ON), (300, ON)], True),
-        ([(0, ON), (200, OFF), (400, ON)], False),  # a single reading begins anew
-        ([(0, ON), (300, ON), (400, OFF)], False),
-        ([(0, ON), (300, 1700.0)], False),  # not above
-        ([(0, ON), (1301, ON)], False),  # nothing is known of the time between
-        ([(0, ON), (300, None)], False),  # no pulse is no reading
+        ([(0, OFF, 1)], False),
+        ([(0, ON, 1)], False),  # not long enough yet
+        ([(0, ON, 1), (699, ON, 2)], False),
+        ([(0, ON, 1), (700, ON, 1)], None),  # held, and nobody has said since that the transmitter is heard
+        ([(0, ON, 1), (699, ON, 1), (900, ON, 2)], None),  # that may have been said a moment too soon
+        ([(0, ON, 1), (700, ON, 1), (900, ON, 2)], True),
+        ([(0, ON, 1), (700, ON, 1), (900, ON, 2), (1000, ON, 2)], True),
+        ([(0, ON, 1), (700, ON, 1), (900, ON, 2), (1000, OFF, 2)], False),
+        ([(0, ON, 1), (700, ON, 1), (900, ON, 2), (1000, OFF, 2), (1100, ON, 2), (1800, ON, 2)], None),
+        ([(0, ON, 1), (700, ON, 1), (900, None, 2)], None),  # not heard by that report, or no pulse: no reading
+        ([(0, ON, 1), (200, OFF, 1), (400, ON, 2), (1000, ON, 3)], False),  # a single reading begins anew
+        ([(0, ON, 1), (700, 1700.0, 1), (900, 1700.0, 2)], False),  # not above
+        ([(0, ON, 1), (700, ON, 1), (1701, ON, 3)], False),  # nothing is known of the time between
     ],
 )
-def test_it_is_on_when_it_was_held(readings, on, begin_ns):
+def test_it_is_on_when_it_was_held_and_its_transmitter_is_still_heard(readings, on, begin_ns):
     last_ms = readings[-1][0] if readings else 0
     assert heard(*readings, begin_ns=begin_ns).on(begin_ns + last_ms * MS) is on
 
 
 def test_what_is_old_says_nothing():
-    switch = heard((0, ON), (400, ON))
-    assert switch.on(1400 * MS) is True
-    assert switch.on(1401 * MS) is None
+    switch = heard((0, ON, 1), (700, ON, 1), (900, ON, 2))
+    assert switch.on(1900 * MS) is True
+    assert switch.on(1901 * MS) is None
 
 
 def test_time_alone_does_not_hold_it():
-    assert heard((0, ON)).on(900 * MS) is False
+    assert heard((0, ON, 1)).on(900 * MS) is False
 
 
 def test_it_asks_for_a_landing_in_flight_and_again_while_it_is_held():

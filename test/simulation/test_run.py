@@ -129,12 +129,12 @@ def test_files_without_a_touchdown_are_flown_in_one_flight(config_folder):
 def test_the_switch_of_the_transmitter_lands_unless_the_mission_is_flown_without(config_folder, channel, off, result):
     overrides = [f"autopilot.land_switch.channel={channel}", f"missions.missions.1.land_switch={not off}"]
     configuration = load_configuration(config_folder, overrides)
-    thrown = scenario("fault: land_switch, after: {event: mission, delay_s: 3}, for_s: 1")
+    thrown = scenario("fault: land_switch, after: {event: mission, delay_s: 3}, for_s: 2")
     flight = run(configuration, (configuration.plan("1").mission,), thrown)
     assert flight.results == (("1", result, DataResult.COMPLETE),)
     landed = [decision.t_ns - flight.history[0][0] for decision in flight.decisions if decision.rule == "user_land"]
     assert len(landed) == (result is Result.LANDED_EARLY)
-    assert all(300_000_000 <= after_ns <= 500_000_000 for after_ns in landed)
+    assert all(700_000_000 <= after_ns <= 1_400_000_000 for after_ns in landed)
 
 
 @pytest.mark.parametrize("asked", ["request: land", "fault: land_switch"])

@@ -22,18 +22,21 @@ class LandSwitchSpec:
     Args:
         channel: from 1; 0: none does.
         above_us: width of the pulse above which it is on.
-        hold_ns: how long it must be on.
+        hold_ns: how long it must be on; what the autopilot says of the transmitter after that decides.
         age_limit_ns: how old the last channels may be.
     """
 
     channel: int = 0
     above_us: float = 1700.0
-    hold_ns: int = 300_000_000
+    hold_ns: int = 700_000_000
     age_limit_ns: int = _S
 
 
 class LandSwitchMonitor:
-    """On for a while, by channels that are fresh, or it is not on.
+    """On for a while, by channels that are fresh, and then still of a transmitter that is heard; or it is not on.
+
+    A receiver that has lost its transmitter may put every channel to any width at once; the autopilot notices later,
+    and says so seldom. So a switch counts with the first report (SYS_STATUS) that would know of such a loss.
 
     Args:
         spec: which channel, and its limits.
@@ -43,21 +46,35 @@ class LandSwitchMonitor:
         self.spec = spec
         self._heard_ns: Optional[int] = None
         self._on_ns: Optional[int] = None
+        self._reports = 0
+        self._confirmed = False
 
-    def add(self, t_ns: int, width_us: Optional[float]) -> None:
-        """Take the pulse width of the channel; None, no pulse, says nothing."""
+    def add(self, t_ns: int, width_us: Optional[float], reports: int) -> None:
+        """Take a message with the channels.
+
+        Args:
+            t_ns: when it came.
+            width_us: pulse width of the channel; None, no pulse or no transmitter by the last report, says nothing.
+            reports: how many reports on the transmitter came so far.
+        """
         if width_us is None:
             return
-        if self._heard_ns is not None and t_ns - self._heard_ns > self.spec.age_limit_ns:
+        before_ns = t_ns if self._heard_ns is None else self._heard_ns  # what is reported anew came after that
+        if t_ns - before_ns > self.spec.age_limit_ns:
             self._on_ns = None  # what it was before is nothing any more
         self._heard_ns = t_ns
         self._on_ns = None if width_us <= self.spec.above_us else t_ns if self._on_ns is None else self._on_ns
+        reported, self._reports = reports != self._reports, reports
+        held = self._on_ns is not None and before_ns - self._on_ns >= self.spec.hold_ns
+        self._confirmed = held and (self._confirmed or reported)
 
     def on(self, t_ns: int) -> Optional[bool]:
-        """Return whether it says: land; None: no fresh channels."""
+        """Return whether it says: land; None: no fresh channels, or they may not be the transmitter's."""
         if self._heard_ns is None or t_ns - self._heard_ns > self.spec.age_limit_ns:
             return None
-        return self._on_ns is not None and self._heard_ns - self._on_ns >= self.spec.hold_ns
+        if self._on_ns is None or self._heard_ns - self._on_ns < self.spec.hold_ns:
+            return False
+        return self._confirmed or None
 
 
 class LandRequests:

@@ -172,10 +172,10 @@ def test_a_silent_one_says_nothing_and_still_lands():
 def test_the_switch_of_the_transmitter_says_land_while_it_is_thrown_and_nothing_takes_off_then():
     settings = small_settings(land_switch=LandSwitchSpec(channel=7))
     driver = Driver("fault: land_switch, at_s: 2, for_s: 15", settings=settings)
-    said = [(driver.go_on(1.5), driver.world.land_switch)[1] for _ in range(2)]
+    said = [(driver.go_on(1.75), driver.world.land_switch)[1] for _ in range(2)]
     assert said == [False, True]
     assert verdicts(driver.check(CheckName.AUTOPILOT))["land switch"] is Verdict.FAIL
-    driver.go_on(5.0)
+    driver.go_on(4.5)
     assert driver.world.land_switch is False
     assert verdicts(driver.check(CheckName.AUTOPILOT))["land switch"] is Verdict.PASS
 
@@ -189,3 +189,13 @@ def test_without_a_transmitter_or_a_link_the_switch_says_nothing(fault):
     driver.go_on(2.0)
     assert driver.world.land_switch is None
     assert Driver().world.land_switch is None
+
+
+def test_a_receiver_that_makes_its_channels_up_says_no_land_before_its_loss_is_noticed():
+    driver = Driver(
+        "fault: not_ready, what: rc, at_s: 2", settings=small_settings(land_switch=LandSwitchSpec(channel=7))
+    )
+    driver.go_on(1.9)
+    said = [(driver.go_on(0.05), driver.world.land_switch)[1] for _ in range(60)]
+    assert set(said) == {False, None}
+    assert said[-1] is None

@@ -128,6 +128,17 @@ def test_without_a_transmitter_rc_is_enabled_and_unhealthy_all_the_time():
         assert bool(bench.of("RC_CHANNELS")) == transmitter
 
 
+def test_a_transmitter_that_is_lost_is_noticed_after_half_a_second_and_its_receiver_makes_channels_up_at_once():
+    bench = Bench(land_channel=7).advance(2.0)
+    bench.craft.flags.not_ready["rc"] = "no transmitter"
+    rc, seen = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER, []
+    for _ in range(12):
+        word = bench.advance(0.1).last("SYS_STATUS")
+        seen.append((bench.last("RC_CHANNELS").chan7_raw, bool(word.onboard_control_sensors_health & rc)))
+    assert seen[2:5] == [(2000, True)] * 3
+    assert seen[-1] == (2000, False)
+
+
 @pytest.mark.parametrize("mode, bit", [("AUTO.MISSION", 1), ("AUTO.LOITER", 2), ("OFFBOARD", 4)])
 @pytest.mark.parametrize("exceptions", [0, 1, 2, 4, 7])
 def test_a_transmitter_that_is_lost_in_flight_returns_unless_the_parameter_excepts_the_mode(mode, bit, exceptions):

@@ -176,7 +176,7 @@ class AutopilotClient:
         """Take the channels; of a transmitter that is not heard a receiver repeats the last ones, or makes them up."""
         silent = self.vehicle.system.rc(t_ns) is False
         width_us = None if silent else channel_width_us(message, self.land_switch.spec.channel)
-        self.land_switch.add(t_ns, width_us)
+        self.land_switch.add(t_ns, width_us, self.vehicle.system.sequence)
 
     def wake(self, t_ns: int, *, read: bool = True) -> List[Message]:
         """Ask for what is missing, send commands again."""

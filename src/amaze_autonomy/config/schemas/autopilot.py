@@ -214,7 +214,7 @@ _NEED_ROWS: Tuple[Row, ...] = (
 _SWITCH_ROWS: Tuple[Row, ...] = (
     ("channel", Whole(0, 18), "of the transmitter, from 1, that means land; 0: none does", "one that the autopilot has no other use for"),
     ("above_us", Number(minimum=900.0, maximum=1950.0), "width of its pulse in microseconds above which it is on", "a switch of three positions is at 1000, 1500 and 2000"),
-    ("hold_ns", _time(5), "how long it must be on", "a single wrong reading lands nobody"),
+    ("hold_ns", Number(minimum=0.6, maximum=5.0), "how long it must be on; it counts with the next SYS_STATUS after that", "PX4 notices a lost transmitter after 0.5 s, COM_RC_LOSS_T; until then its receiver may make channels up"),
     ("age_limit_ns", _time(10), "channels that are older say nothing", "without a transmitter the autopilot decides"),
 )
 # fmt: on

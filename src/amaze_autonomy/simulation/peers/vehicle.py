@@ -24,6 +24,7 @@ from amaze_autonomy.monitoring.land_switch import LandSwitchMonitor
 
 from ...engine.events import CHECKS, Check, Verdict
 from ..scenario import Subject
+from ..vehicle.flight import TRANSMITTER_LOSS_NS
 from ..vehicle.vehicle import LANDING_MODES, Mode, Vehicle
 from .peer import Cadence, Peer, Site, accepted, refused, slowness
 
@@ -33,6 +34,7 @@ from .peer import Cadence, Peer, Site, accepted, refused, slowness
 _S = 1_000_000_000
 _NOISE_M = 0.02
 _LINK_LIMIT_S = 2.0
+_REPORT_NS = _S // 2  # between two SYS_STATUS
 _SWITCH_US = {False: 1000.0, True: 2000.0}
 
 SENSORS = ("gps", "imu", "magnetometer", "barometer")
@@ -63,6 +65,7 @@ class Autopilot(Peer):
         self._battery_ns: Optional[int] = None
         self._tilt = LastingTilt(round(_LINK_LIMIT_S * _S))
         self._switch = LandSwitchMonitor(site.settings.land_switch)
+        self._transmitter_ns: Optional[int] = None
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
         """Check, land or disarm."""
@@ -109,6 +112,13 @@ class Autopilot(Peer):
             )
         ]
 
+    def _listen_to_switch(self, t_ns: int, *, lost: bool) -> None:
+        """Take its channel, which the receiver makes up of a transmitter that is lost."""
+        self._transmitter_ns = self._transmitter_ns if lost else t_ns
+        heard = self._transmitter_ns is not None and t_ns - self._transmitter_ns < TRANSMITTER_LOSS_NS
+        width_us = _SWITCH_US[lost or self.site.vehicle.flags.land_switch] if heard else None
+        self._switch.add(t_ns, width_us, t_ns // _REPORT_NS)
+
     def _listen(self, t_ns: int) -> None:
         """Take over what the vehicle says now."""
         vehicle, power = self.site.vehicle, self.site.power
@@ -118,8 +128,8 @@ class Autopilot(Peer):
             fraction, voltage = round(power.fraction, 4), round(voltage, 3)
             self._battery_ns = t_ns
         self._monitor.add(t_ns, fraction, voltage)
-        if self._switch.spec.channel and "rc" not in vehicle.flags.not_ready:
-            self._switch.add(t_ns, _SWITCH_US[vehicle.flags.land_switch])
+        if self._switch.spec.channel:
+            self._listen_to_switch(t_ns, lost="rc" in vehicle.flags.not_ready)
         self._tilt.add(t_ns, vehicle.tilt_rad)
         tilt_rad = self._tilt.tilt_rad(t_ns)
         off = self.site.world_fault("estimate_off")

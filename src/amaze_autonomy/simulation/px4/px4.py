@@ -18,7 +18,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from amaze_autonomy.simulation.vehicle.flight import Mode
+from amaze_autonomy.simulation.vehicle.flight import TRANSMITTER_LOSS_NS, Mode
 from amaze_autonomy.simulation.vehicle.vehicle import Power
 
 from . import telemetry
@@ -90,6 +90,7 @@ class Px4:
         self._reached_ns: Optional[int] = None
         self._reached = -1
         self._prearm_ns = t_ns
+        self._transmitter_ns: Optional[int] = None
 
     # --- what another autopilot does in another way ---------------------------------------------------------------
 
@@ -222,6 +223,7 @@ class Px4:
     def advance(self, t_ns: int) -> List[_Out]:
         """Look at the vehicle, act where a failsafe must, and return what is sent: (link, message), in order."""
         self._now_ns = t_ns
+        self._transmitter_ns = t_ns if self._transmits else self._transmitter_ns
         has_gps = self._has_gps and not self.craft.flags.gps_lost
         self.health.follow(t_ns, gps=has_gps, armed=self.craft.armed)
         fraction = self._power.fraction if self._power.known else None
@@ -247,8 +249,15 @@ class Px4:
         return t_ns - self._start_ns + self.settings.boot_ns
 
     @property
+    def _transmits(self) -> Optional[bool]:
+        """Whether the transmitter is on; None: there is none."""
+        return "rc" not in self.craft.flags.not_ready if self.settings.transmitter else None
+
+    @property
     def _transmitter(self) -> bool:
-        return self.settings.transmitter and "rc" not in self.craft.flags.not_ready
+        """Whether it is heard, as far as the autopilot knows."""
+        heard_ns = self._transmitter_ns
+        return heard_ns is not None and self._now_ns - heard_ns < TRANSMITTER_LOSS_NS
 
     @property
     def _ready(self) -> bool:
@@ -277,7 +286,7 @@ class Px4:
             cells=self._power.cells,
             level=self.failsafes.level,
             ready=ready,
-            transmitter=self._transmitter,
+            transmitter=self._transmits,
             land_channel=self.settings.land_channel,
             home_shift=_HOME_SHIFT,
             has_home="home" not in self.craft.flags.not_ready,

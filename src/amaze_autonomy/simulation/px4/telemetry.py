@@ -43,7 +43,7 @@ class View:
         cells: of the battery.
         level: of the battery, from 0 (ok).
         ready: the pre-arm verdict.
-        transmitter: of the pilot.
+        transmitter: of the pilot: on, or lost, and its receiver makes channels up; None: it has none.
         land_channel: of it, that its land switch moves; 0: none.
         home_shift: how far home is off what was home before the arming: north, east, up in m.
         has_home: a home position is known.
@@ -63,7 +63,7 @@ class View:
     cells: int
     level: int
     ready: bool
-    transmitter: bool
+    transmitter: Optional[bool]
     land_channel: int
     home_shift: Tuple[float, float, float]
     has_home: bool
@@ -445,12 +445,13 @@ def _servo_output_raw(view: View) -> Any:
 
 
 def _rc_channels(view: View) -> Any:
-    if not view.transmitter:
+    if view.transmitter is None:
         return None
     count = max(_CHANNELS, view.land_channel)
     widths = [1500, 1500, 1500 if view.craft.airborne else 1100, 1500, *[1000] * (count - 4)]
     if view.land_channel:
-        widths[view.land_channel - 1] = 2000 if view.craft.flags.land_switch else 1000
+        thrown = view.craft.flags.land_switch or not view.transmitter  # a receiver that was taught nothing better
+        widths[view.land_channel - 1] = 2000 if thrown else 1000
     unused = [_UNKNOWN_16] * (_MOST_CHANNELS - count)
     return mavlink.MAVLink_rc_channels_message(view.t_ms, count, *widths, *unused, 90)
 

@@ -18,6 +18,7 @@ from amaze_autonomy.missions import FlightModel, Waypoint, leg_s
 
 
 _S = 1_000_000_000
+TRANSMITTER_LOSS_NS = _S // 2  # COM_RC_LOSS_T: until then nobody notices that a receiver makes its channels up
 
 Vector = Tuple[float, float, float]
 
