@@ -77,6 +77,15 @@ def test_of_what_a_map_names_the_map_and_the_mission_require_and_of_what_is_not_
     assert plan.unseen == {}, "a map that names its components lacks none"
 
 
+def test_contents_and_stamps_are_watched_by_no_replay_and_the_topics_are_named():
+    asked = ("finite=true", "unchanged_limit_s=5.0", "stamp_tolerance_s=0.1")
+    more = configured(*(f"sensors.components.lrf.topics./lrf/range.{each}" for each in asked))
+    plain = planned(configured())
+    plan = planned(more)
+    assert (plan.components, plan.contents) == (plain.components, ("/lrf/range",))
+    assert plain.contents == ()
+
+
 def test_a_component_of_which_some_topics_were_recorded_says_which_were_not():
     more = "sensors.components.lrf.topics./lrf/status.rate_hz=2.0"
     long = "sensors.components.lrf.topics./lrf/status.age_limit_s=5.0"

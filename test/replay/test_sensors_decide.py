@@ -154,6 +154,10 @@ UNREAD = {
     "sensors.components.mission_camera.severity=low": "the recording has no topic of mission_camera",
     "sensors.landing_detection.max_vertical_speed_m_s=0.3": "the landing detection of a replay has the range alone, "
     "no vertical speed",
+    "sensors.components.lrf.topics./lrf/range.finite=true": "a replay by the map amaze_demo does not read it",
+    "sensors.components.lrf.topics./lrf/range.unchanged_limit_s=5.0": "a replay by the map amaze_demo does not read it",
+    "sensors.components.lrf.topics./lrf/range.stamp_tolerance_s=0.000001": "a replay by the map amaze_demo does not "
+    "read it",
     "sensors.battery.cells=6": "a replay by the map amaze_demo does not read it",
     "recording.growth_limit_s=3.5": "a replay by the map amaze_demo does not read it",
     "autonomy.streams.watchdog_action_rate_hz=6.0": "it is how often the script speaks, no data of the recording",
@@ -165,6 +169,22 @@ UNREAD = {
 def test_a_key_that_nothing_looked_at_is_named_with_the_reason(bag, key, capsys):
     assert main(["run", str(bag), "--map", "amaze_demo", "--set", key]) == 4
     assert f"VACUOUS: {key.partition('=')[0]} was not looked at: {UNREAD[key]}\n" in capsys.readouterr().out
+
+
+CONTENTS = (
+    "sensors.components.lrf.topics./lrf/range.finite=true",
+    "sensors.components.imu.topics./px4/imu.stamp_tolerance_s=0.000001",
+)
+
+
+def test_contents_are_not_judged_and_that_is_said(bag, capsys):
+    plain, _ = replay(bag, "amaze_demo")
+    asked, _ = replay(bag, "amaze_demo", overrides=CONTENTS)
+    assert moves(asked) == moves(plain)
+    changed = [argument for key in CONTENTS for argument in ("--set", key)]
+    assert main(["run", str(bag), "--map", "amaze_demo", *changed]) == 4
+    said = "Judged by the rate alone: /px4/imu, /lrf/range; no content or stamp is read here."
+    assert f"\n{said}\n" in capsys.readouterr().out
 
 
 @pytest.mark.slow_rows

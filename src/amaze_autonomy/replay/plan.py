@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, FrozenSet, Mapping, Optional, Tuple
+from typing import Any, Dict, FrozenSet, List, Mapping, Optional, Tuple
 
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.config.schemas.autonomy import Streams
@@ -18,6 +18,7 @@ from amaze_autonomy.monitoring.specs import (
     RestartPolicy,
     RestartSpec,
     StateEstimationSpec,
+    TopicSpec,
 )
 
 from ..engine.events import Mission
@@ -46,6 +47,7 @@ class Plan:
         streams: how often each scripted peer sends its status.
         elsewhere: components that the mission requires and that cannot be watched, as the recording lacks a topic of
             theirs: a recorded watchdog's word counts for them. Each with the topics that are missing; none: all are.
+        contents: topics whose content or stamps the configuration has judged: a replay judges their rate alone.
     """
 
     topic_map: TopicMap
@@ -60,6 +62,7 @@ class Plan:
     judged: FrozenSet[str] = frozenset()
     streams: Streams = field(default_factory=Streams)
     elsewhere: Mapping[str, Tuple[str, ...]] = field(default_factory=dict)
+    contents: Tuple[str, ...] = ()
 
     @property
     def unseen(self) -> Mapping[str, Tuple[str, ...]]:
@@ -92,11 +95,12 @@ def make_plan(configuration: Configuration, topic_map: TopicMap, mission_id: str
     topic_map = topic_map.of(recorded)
     known = {spec.name: spec for spec in configuration.components}
     health = topic_map.statuses.get("autopilot") in recorded
+    left: List[ComponentSpec] = []
     try:
         components = tuple(_component(each, known, configuration.rules) for each in topic_map.components)
         if topic_map.as_configured:
             taken = [spec.name for spec in components]
-            left = (spec for spec in known.values() if spec.name not in taken and _has(spec, recorded))
+            left += (spec for spec in known.values() if spec.name not in taken and _has(spec, recorded))
             components += tuple(_as_recorded(spec, health=health) for spec in left)
         return Plan(
             topic_map=topic_map,
@@ -111,6 +115,7 @@ def make_plan(configuration: Configuration, topic_map: TopicMap, mission_id: str
             judged=_judged(topic_map, components, recorded),
             streams=configuration.streams,
             elsewhere=_elsewhere(configuration, mission_id, components, recorded),
+            contents=tuple(topic.topic for spec in left for topic in spec.topics if topic != _by_its_rate(topic)),
         )
     except SpecError as error:
         raise ReplayError(f"map {topic_map.name}: {error}") from error
@@ -142,8 +147,20 @@ def _as_recorded(spec: ComponentSpec, *, health: bool) -> ComponentSpec:
 
     Whether it is required is up to the mission alone: no map says otherwise.
     """
-    autopilot = spec.autopilot if health else None
-    return replace(spec, node=None, driver=(), autopilot=autopilot, required=True, restart=_scripted(spec.restart))
+    return replace(
+        spec,
+        topics=tuple(map(_by_its_rate, spec.topics)),
+        node=None,
+        driver=(),
+        autopilot=spec.autopilot if health else None,
+        required=True,
+        restart=_scripted(spec.restart),
+    )
+
+
+def _by_its_rate(topic: TopicSpec) -> TopicSpec:
+    """Return a topic of which only that it comes is judged: its messages are counted, not read."""
+    return replace(topic, finite=False, unchanged_limit_ns=None, stamp_tolerance_ns=None)
 
 
 def _judged(topic_map: TopicMap, components: Tuple[ComponentSpec, ...], recorded: Tuple[str, ...]) -> FrozenSet[str]:

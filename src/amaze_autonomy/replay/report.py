@@ -65,6 +65,8 @@ def footer_lines(plan: Plan, recordings: Recordings, outcome: Outcome) -> List[s
     if outcome.scripted:
         lines.append(f"Scripted all along: {', '.join(outcome.scripted)}.")
     lines += [f"{not_recorded(*each)}." for each in outcome.unseen.items()]
+    if plan.contents:
+        lines.append(f"Judged by the rate alone: {', '.join(plan.contents)}; no content or stamp is read here.")
     lines += _compared_lines(outcome) + _flown_lines(outcome)
     lines += [f"VACUOUS: {each}" for each in outcome.unread]
     return [*lines, f"Map {plan.topic_map.name}, mission {outcome.mission.id}: {verdict(outcome)}"]
