@@ -535,6 +535,51 @@ def test_set_points_whose_loss_nobody_looks_at_are_said(small, overrides, says):
     ]
 
 
+SHARED = """\
+  realsense_camera:
+    group: other
+    severity: CAMERA
+    node: /realsense
+    topics:
+      /realsense/image: {rate_hz: 10.0}
+    restart: {policy: node}
+  realsense_imu:
+    group: other
+    severity: IMU
+    node: NODE
+    topics:
+      /realsense/imu: {rate_hz: 100.0}
+"""
+
+
+@pytest.mark.parametrize(
+    "camera, imu, node, overrides, says",
+    [
+        ("moderate", "highest", "/realsense", (), True),
+        ("moderate", "high", "/realsense", (), True),
+        ("high", "highest", "/realsense", (), True),
+        ("low", "moderate", "/realsense", (), False),  # it is waited for, and flown on without
+        ("highest", "highest", "/realsense", (), False),
+        ("highest", "high", "/realsense", (), False),
+        ("moderate", "highest", "/imu", (), False),
+        ("moderate", "low", "/realsense", ("missions.missions.1.severities.realsense_imu=highest",), True),
+        ("moderate", "highest", "/realsense", ("missions.missions.1.severities.realsense_imu=low",), False),
+    ],
+)
+def test_a_restart_that_ends_the_node_of_what_is_landed_for_is_said(small, camera, imu, node, overrides, says):
+    text = SHARED.replace("NODE", node)
+    for name, severity in (("CAMERA", camera), ("IMU", imu)):
+        wait = "\n    wait_limit_s: 20.0" if severity in ("moderate", "high") else ""
+        text = text.replace(f"severity: {name}", f"severity: {severity}{wait}")
+    (small / "sensors.yaml").write_text((small / "sensors.yaml").read_text() + text)
+    found = contradictions(load_configuration(small, overrides).effective)
+    assert [line for line in found if "restarted" in line] == says * [
+        "components.realsense_camera of sensors.yaml is restarted by its node /realsense, which is that of "
+        "realsense_imu, too: in flight that makes realsense_imu fail, for which mission 1 lands; give realsense_camera "
+        "another policy, or realsense_imu no worse a severity"
+    ]
+
+
 MAVROS = """\
   imu:
     group: px4

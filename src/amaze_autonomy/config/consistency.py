@@ -261,6 +261,7 @@ _ALIKE = 0.85
 MAVROS_TOPIC = re.compile(r"(.*/mavros)/.+")
 _SHOWN = 7
 _STREAM_LOST = "COM_OBL_RC_ACT"  # what PX4 does when set-points stop
+_BY_HARM = tuple(Severity)
 _LANDING_M = 2.0  # so far beside the last waypoint a good landing may end
 
 
@@ -283,6 +284,7 @@ def contradictions(effective: Mapping[str, Any]) -> List[str]:
         *_loaded_too_soon(effective["autonomy"]),
         *_loaded_nowhere(effective["missions"]),
         *_left_to_chance(effective["autopilot"], effective["missions"]),
+        *_ended_with_another(sensors["components"], effective["missions"]["missions"]),
     ]
 
 
@@ -404,6 +406,29 @@ def _left_to_chance(autopilot: Mapping[str, Any], missions: Mapping[str, Any]) -
             "neither offboard_parameters nor parameters of autopilot.yaml: a PX4 does what it happens to be set to "
             f"when they stop, in flight; add `offboard_parameters: {{{_STREAM_LOST}: 4}}` (4 is to land)"
         )
+
+
+def _ended_with_another(components: Mapping[str, Any], missions: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a line where a restart makes another component fail that is landed for, and its own is not so bad."""
+    for name in (each for each, values in components.items() if values["restart"]["policy"] == "node"):
+        node = components[name]["node"]
+        for other in (each for each, values in components.items() if values["node"] == node and each != name):
+            mission = next((each for each in missions if _lands_rather(components, missions[each], other, name)), None)
+            if mission is not None:
+                yield (
+                    f"components.{name} of sensors.yaml is restarted by its node {node}, which is that of {other}, "
+                    f"too: in flight that makes {other} fail, for which mission {mission} lands; give {name} another "
+                    f"policy, or {other} no worse a severity"
+                )
+
+
+def _lands_rather(components: Mapping[str, Any], mission: Mapping[str, Any], one: str, other: str) -> bool:
+    """Return whether a mission is landed for one component, and the other's severity is not so bad."""
+    one_bad, other_bad = (
+        Severity(mission["severities"].get(each, components[each]["severity"])) for each in (one, other)
+    )
+    row = SEVERITIES[one_bad]
+    return Action.LAND in (row.action, row.fallback) and _BY_HARM.index(one_bad) > _BY_HARM.index(other_bad)
 
 
 def _takes_off_again(mission: Mapping[str, Any]) -> bool:

@@ -82,7 +82,12 @@ _OVER = Parameter("over_s", 0.0, "how long it takes; 0: at once")
 
 _KINDS: Tuple[FaultKind, ...] = (
     FaultKind(Subject.COMPONENT, "silent", "sends no samples; its process lives", _RESTART),
-    FaultKind(Subject.COMPONENT, "killed", "its process ends, and with it its samples", _RESTART),
+    FaultKind(
+        Subject.COMPONENT,
+        "killed",
+        "its process ends, and with it its samples and those of all components of its node",
+        _RESTART,
+    ),
     FaultKind(
         Subject.COMPONENT,
         "slow",

@@ -93,8 +93,11 @@ class Stream:
         self._next_ns = start_ns + round(settings.jitter * self._period_ns) + self._salt % self._period_ns
         self._number = 0
 
-    def take(self, t_ns: int, faults: Faults) -> Optional[Batch]:
+    def take(self, t_ns: int, faults: Faults, *, lives: bool = True) -> Optional[Batch]:
         """Return the samples up to a time that were not taken before; None when there are none."""
+        if not lives:
+            self._next_ns = max(self._next_ns, t_ns + 1)
+            return None
         acting = faults.on(Subject.COMPONENT, self.settings.component) if self.settings.component else ()
         if not acting:
             return self._count(t_ns, self._period_ns, Content.GOOD, 0.0)

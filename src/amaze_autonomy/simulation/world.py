@@ -222,7 +222,7 @@ class World:
         """Return process -> alive for the peers of this world and for the node of every component."""
         alive = {name: self._site.lives(name) for name in self._classes}
         for component in self._site.settings.components:
-            alive[component.name] = not self._faults.active(Subject.COMPONENT, "killed", component.name)
+            alive[component.name] = self._site.component_lives(component.name)
         return alive
 
     def troubles(self) -> Mapping[str, Tuple[str, ...]]:
@@ -272,7 +272,9 @@ class World:
         self._site.power.advance(t_ns - self.now_ns, flying=flying or vehicle.airborne)
         self.now_ns = t_ns
         for topic, stream in self._site.streams.items():
-            batch = stream.take(t_ns, self._faults)
+            component = stream.settings.component
+            lives = not component or self._site.component_lives(component)
+            batch = stream.take(t_ns, self._faults, lives=lives)
             speaks = self._site.estimator.runs or topic != self._site.settings.state_estimation.topic
             if batch is not None and speaks:
                 self._site.batches.setdefault(topic, []).append(batch)

@@ -1,7 +1,7 @@
 """The simulated watchdog: conditions and codes follow from samples, processes and health alone."""
 
 import pytest
-from simulation_tools import Driver, S, changes, small_settings
+from simulation_tools import RESTARTS, Driver, S, changes, small_settings
 
 from amaze_autonomy.engine.events import CheckName, Mission, Outcome, WatchdogAction, WatchdogInfo
 from amaze_autonomy.engine.rules import Code, Restart, Severity
@@ -178,3 +178,30 @@ def test_the_node_of_a_component_is_asked_and_its_driver_looked_at(configuration
     first = next(e for e in driver.events if isinstance(e, WatchdogAction) and e.code is Code.ABORT)
     assert first.t_ns <= round(20.5 * S)
     assert first.components[0].reason == "node /mission_camera: connection refused"
+
+
+SHARED = small_settings(
+    components=(
+        ComponentSpec("camera", topics=(TopicSpec("/camera", 20.0),), node="/realsense", restart=RESTARTS),
+        ComponentSpec("imu", severity=Severity.HIGHEST, topics=(TopicSpec("/imu", 100.0),), node="/realsense"),
+        ComponentSpec("lrf", severity=Severity.HIGH, topics=(TopicSpec("/lrf/range", 20.0),), node="/lrf"),
+    )
+)
+ABORT = (Code.ABORT, Restart.NONE)
+
+
+@pytest.mark.parametrize("kind, victim", [("killed", "camera"), ("silent", "camera"), ("killed", "imu")])
+def test_a_node_ends_with_all_of_its_components_and_comes_back_with_all_of_them(kind, victim):
+    fault = f"component: {victim}, fault: {kind}, at_s: 20, restart: succeeds, restart_takes_s: 2"
+    driver = watched(fault, settings=SHARED)
+    driver.go_on(20.0)
+    assert codes(driver, "imu") == [NOMINAL, ABORT, NOMINAL]
+    assert codes(driver, "camera") == [NOMINAL, (Code.NON_CRITICAL, Restart.TRYING), NOMINAL]
+    assert codes(driver, "lrf") == [NOMINAL]
+
+
+def test_a_component_that_falls_silent_ends_no_node():
+    driver = watched("component: imu, fault: silent, at_s: 20, for_s: 4", settings=SHARED)
+    driver.go_on(20.0)
+    assert codes(driver, "imu") == [NOMINAL, ABORT, NOMINAL]
+    assert codes(driver, "camera") == [NOMINAL]

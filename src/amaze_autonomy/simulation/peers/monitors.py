@@ -11,7 +11,7 @@ from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.monitoring.initialisation import Initialisation
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.restart import RestartRequest
-from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
+from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor
 from amaze_autonomy.monitoring.watchdog import TakeoffCheck, Watchdog
 
@@ -130,7 +130,7 @@ class SimulatedWatchdog(Peer):
         if t_ns < self._polled_ns.get(component.name, 0):
             return
         self._polled_ns[component.name] = t_ns + component.polling.node_period_ns
-        alive = self.site.faults.active(Subject.COMPONENT, "killed", component.name) is None
+        alive = self.site.component_lives(component.name)
         if component.node is not None:
             self._watchdog.add_process(component.name, alive, t_ns, "" if alive else "connection refused")
         if component.driver:
@@ -144,7 +144,8 @@ class SimulatedWatchdog(Peer):
                 self._watchdog.restart_outcome(request, t_ns, good=good)
         for request in self._watchdog.restart_requests():
             self._asked[request.component] = request
-            self.site.restarts.begin(t_ns, request.component)
+            ended = self.site.of_node(request.component) if request.policy is RestartPolicy.NODE else ()
+            self.site.restarts.begin(t_ns, request.component, ended)
 
     def _reply(self, t_ns: int, command: RunCheck, check: TakeoffCheck) -> CheckReply:
         return CheckReply(

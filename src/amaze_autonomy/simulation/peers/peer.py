@@ -52,6 +52,11 @@ class Site:
     health: Optional[Tuple[int, Dict[str, bool]]] = None
 
     def __post_init__(self) -> None:
+        nodes = {spec.name: spec.node for spec in self.settings.components}
+        self._of_node = {
+            name: tuple(each for each, node in nodes.items() if each == name or (node and node == nodes[name]))
+            for name in nodes
+        }
         self.restarts = Restarts(self.faults)
         self.estimator = Estimator(self.settings.initialisation, self.faults)
         self.restarted: List[Tuple[str, bool]] = []
@@ -71,6 +76,15 @@ class Site:
     def lives(self, process: str) -> bool:
         """Tell whether a peer's process lives."""
         return self.faults.active(Subject.PROCESS, "killed", process) is None
+
+    def of_node(self, component: str) -> Tuple[str, ...]:
+        """Return the components whose node is that of a component, itself among them."""
+        return self._of_node[component]
+
+    def component_lives(self, component: str) -> bool:
+        """Tell whether a component's process lives: it goes with every other one that shares its node."""
+        killed = (self.faults.active(Subject.COMPONENT, "killed", each) for each in self._of_node[component])
+        return all(fault is None for fault in killed) and not self.restarts.ends(component)
 
     def world_fault(self, kind: str) -> Optional[Fault]:
         """Return the fault of a kind of which there is one in the world, if it acts now."""
@@ -182,11 +196,12 @@ _QUICK_NS = 2 * _S
 
 
 class _Running(NamedTuple):
-    """A restart under way: when it ends, and the faults that it ends; none when it fails."""
+    """A restart under way: when it ends, the faults that it ends, none when it fails, and whose node is ended by it."""
 
     ends_ns: int
     good: bool
     cures: Tuple[Fault, ...]
+    ended: Tuple[str, ...]
 
 
 class Restarts:
@@ -196,12 +211,17 @@ class Restarts:
         self._faults = faults
         self._running: Dict[str, _Running] = {}
 
-    def begin(self, t_ns: int, component: str) -> None:
-        """Restart a component."""
-        acting = [fault for fault, _ in self._faults.on(Subject.COMPONENT, component) if fault.has("restart")]
+    def begin(self, t_ns: int, component: str, ended: Tuple[str, ...] = ()) -> None:
+        """Restart a component; where its node is ended for it, with all components of that node."""
+        faults = [fault for each in ended or (component,) for fault, _ in self._faults.on(Subject.COMPONENT, each)]
+        acting = [fault for fault in faults if fault.has("restart")]
         good = all(fault.word("restart") == "succeeds" for fault in acting)
         takes_ns = max((round(fault.number("restart_takes_s") * _S) for fault in acting), default=_QUICK_NS)
-        self._running[component] = _Running(t_ns + takes_ns, good, tuple(acting) if good else ())
+        self._running[component] = _Running(t_ns + takes_ns, good, tuple(acting) if good else (), ended)
+
+    def ends(self, component: str) -> bool:
+        """Tell whether the node of a component is ended now, and not back yet."""
+        return any(component in running.ended for running in self._running.values())
 
     def step(self, t_ns: int) -> List[Tuple[str, bool]]:
         """Return (component, whether it came up) of the restarts that have ended."""
