@@ -5,7 +5,7 @@ from simulation_tools import RESTARTS, Driver, S, changes, small_settings
 
 from amaze_autonomy.engine.events import CheckName, Mission, Outcome, WatchdogAction, WatchdogInfo
 from amaze_autonomy.engine.rules import Code, Restart, Severity
-from amaze_autonomy.monitoring.specs import ComponentSpec, TopicSpec
+from amaze_autonomy.monitoring.specs import ComponentSpec, PollingSpec, TopicSpec
 
 
 def watched(faults="", **more):
@@ -205,3 +205,19 @@ def test_a_component_that_falls_silent_ends_no_node():
     driver.go_on(20.0)
     assert codes(driver, "imu") == [NOMINAL, ABORT, NOMINAL]
     assert codes(driver, "camera") == [NOMINAL]
+
+
+def test_a_driver_is_looked_at_as_seldom_as_that_of_the_vehicle_and_a_node_as_often():
+    polling = PollingSpec(driver_period_ns=10 * S, driver_age_limit_ns=30 * S)
+    usb = ComponentSpec("usb", severity=Severity.LOW, driver=("lsusb",), polling=polling)
+    node = ComponentSpec("node", severity=Severity.LOW, node="/node", polling=polling)
+    both = "component: usb, fault: killed, at_s: 21\ncomponent: node, fault: killed, at_s: 21"
+    driver = watched(both, settings=small_settings(components=(usb, node)))
+    seen_s = {}
+    while len(seen_s) < 2:
+        for event in driver.go_on(0.5):
+            for status in event.components if isinstance(event, WatchdogInfo) else ():
+                if status.code is not Code.NOMINAL:
+                    seen_s.setdefault(status.name, event.t_ns / S)
+    assert 21.0 <= seen_s["node"] < 22.7
+    assert 30.0 <= seen_s["usb"] < 31.2

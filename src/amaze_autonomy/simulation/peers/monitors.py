@@ -40,7 +40,7 @@ class SimulatedWatchdog(Peer):
         self._watchdog = Watchdog(site.settings.components)
         self._streams = Streams(self._watchdog, action_period_ns=round(_S / rate_hz))
         self._cadence = Cadence(rate_hz)
-        self._polled_ns: Dict[str, int] = {}
+        self._polled_ns: Dict[Tuple[str, str], int] = {}
         self._heard_ns = -1
         self._asked: Dict[str, RestartRequest] = {}
         self._pending: Optional[RunCheck] = None
@@ -125,16 +125,19 @@ class SimulatedWatchdog(Peer):
 
     def _poll(self, t_ns: int, component: ComponentSpec) -> None:
         """Ask a component's node, and look at its driver, when that is due."""
-        if component.node is None and not component.driver:
-            return
-        if t_ns < self._polled_ns.get(component.name, 0):
-            return
-        self._polled_ns[component.name] = t_ns + component.polling.node_period_ns
-        alive = self.site.component_lives(component.name)
-        if component.node is not None:
-            self._watchdog.add_process(component.name, alive, t_ns, "" if alive else "connection refused")
-        if component.driver:
-            self._watchdog.add_driver(component.name, alive, t_ns, "" if alive else "no such device")
+        name, polling = component.name, component.polling
+        if component.node is not None and self._is_due(t_ns, ("node", name), polling.node_period_ns):
+            alive = self.site.component_lives(name)
+            self._watchdog.add_process(name, alive, t_ns, "" if alive else "connection refused")
+        if component.driver and self._is_due(t_ns, ("driver", name), polling.driver_period_ns):
+            alive = self.site.component_lives(name)
+            self._watchdog.add_driver(name, alive, t_ns, "" if alive else "no such device")
+
+    def _is_due(self, t_ns: int, what: Tuple[str, str], period_ns: int) -> bool:
+        if t_ns < self._polled_ns.get(what, 0):
+            return False
+        self._polled_ns[what] = t_ns + period_ns
+        return True
 
     def _restart(self, t_ns: int) -> None:
         """Hand requests to the world, and its outcomes to the watchdog."""
