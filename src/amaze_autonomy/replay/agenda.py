@@ -9,8 +9,12 @@ Task = Callable[[int], None]
 
 
 class Rank:
-    """Ranks among equal times, after the topics of the recording, which rank by their place in the map."""
+    """Ranks among equal times, after the topics of the recording, which rank by their place in the map.
 
+    A process that starts comes before them: it hears what is said at that time.
+    """
+
+    START = -1
     WATCHDOG = 10_001
     LANDING = 10_002
     AUTOPILOT = 10_003

@@ -227,7 +227,8 @@ class Session:
         source = Source.SCRIPT if self._log is None else Source.LOG
         self._feed(EngineStarted(t_ns=self._begin_ns, label=self._label()), source)
         for event in self._story.events():
-            self._agenda.at(event.t_ns, Rank.USER, self._told(event))
+            rank = Rank.START if isinstance(event, EngineStarted) else Rank.USER
+            self._agenda.at(event.t_ns, rank, self._told(event))
         for event in self._asked_later if self._log is None else self._log.events:
             self._agenda.at(event.t_ns, Rank.LOG, self._logged(event))
         if self._log is None:

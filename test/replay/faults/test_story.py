@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from replay_bags import flight_rows, write_bag
+from replay_bags import START_NS, flight_rows, write_bag
 
 from amaze_autonomy.config.document import parse
 from amaze_autonomy.engine.commands import StartRecording
@@ -57,3 +57,19 @@ def test_a_recorder_that_answers_too_late_records(tmp_path, monkeypatch):
     answers = [line["outcome"] for line in lines if line.get("event") == "Reply" and line["command_id"] == 6]
     assert answers == ["TIMED_OUT"]
     assert any('"growing": true' in json.dumps(line) for line in lines)
+
+
+@pytest.mark.parametrize("journal", ["kept", "lost"])
+def test_a_dead_engine_hears_nothing_before_it_is_started_again_at_that_very_instant(tmp_path, monkeypatch, journal):
+    monkeypatch.chdir(tmp_path)
+    write_bag(Path("flight.bag"), flight_rows())
+    Path("flight.yaml").write_text((Path(__file__).parents[1] / "flight.yaml").read_text())
+    Path("x.scenario.yaml").write_text(
+        "version: 1\ndescription: x\nbags: [{path: flight.bag}]\nmap: flight.yaml\n"
+        f"faults: [{{process: autonomy, fault: restarted, journal: {journal}, at_s: 12.0, for_s: 3.0}}]\n"
+    )
+    (case,) = load_cases(Path("x.scenario.yaml"))
+    lines = [json.loads(line) for line in play(case, Options(goldens=False)).lines]
+    first, *later = [line for line in lines if line.get("t_ns", 0) >= START_NS + 12 * S]
+    assert (first["event"], first["t_ns"]) == ("EngineStarted", START_NS + 15 * S)
+    assert any(line["t_ns"] == START_NS + 15 * S for line in later)  # the peers speak at that instant, to the new one
