@@ -44,7 +44,7 @@ class Message:
 class Recorded:
     """Ten messages of /imu in a second, and ten of /lrf 50 ms after each; z counts them."""
 
-    bags, topics, muted, missing, problems, cuts, doubts, shift_ns = (), TOPICS, (), (), (), (), {}, 0
+    bags, topics, muted, missing, problems, doubts, shift_ns = (), TOPICS, (), (), (), {}, 0
 
     def __init__(self):
         self.damage = {}

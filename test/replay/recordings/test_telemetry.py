@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from replay_bags import START_NS, S
+from replay_bags import START_NS, S, distance, write_bag
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -19,6 +19,7 @@ from amaze_autonomy.bags import BagError
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.errors import TimeJumpError
+from amaze_autonomy.replay.faults.stream import FaultedRecordings
 from amaze_autonomy.replay.maps.proposal import propose
 from amaze_autonomy.replay.maps.topic_map import load_map
 from amaze_autonomy.replay.plan import make_plan
@@ -226,6 +227,19 @@ def test_what_is_lost_of_a_log_that_was_cut_within_a_record_is_said(tmp_path, ca
     assert (status, damaged) == ((3, [f"DAMAGED: cut.tlog: {lost}"]) if more else (0, []))
     if more:
         assert main(["run", str(path), "--map", "px4_telemetry", "--to", "20"]) == 0  # it does not come to the cut
+
+
+def test_a_log_that_was_cut_within_the_part_is_said_however_long_another_recording_goes_on(tmp_path):
+    path = beats(tmp_path / "cut.tlog", *range(10))
+    size = len(path.read_bytes())
+    path.write_bytes(path.read_bytes()[:-3])
+    record = size // 10
+    lost = f"cut.tlog: its last {record - 3} bytes, from byte {size - record} on, are no whole record: it was cut there"
+    other = write_bag(tmp_path / "other.bag", [(START_NS + n * S, "/a", distance(START_NS, n)) for n in range(30)])
+    parts = ((0, None), (0, 20 * S), (0, 9 * S), (15 * S, 20 * S), (0, 7 * S))
+    with Recordings([path, other], ("/autopilot/status", "/a")) as recordings:
+        said = [FaultedRecordings(recordings, *part).problems for part in parts]
+    assert said == [(lost,), (lost,), (lost,), (lost,), ()]  # its last whole record is at 8 s
 
 
 def slowed(log, path, period_s):

@@ -39,12 +39,11 @@ class FaultedRecordings(Recordings):
     def __init__(self, inner: Recordings, from_ns: int = 0, to_ns: Optional[int] = None) -> None:
         self._inner = inner
         self.bags, self.topics, self.muted = inner.bags, inner.topics, inner.muted
-        self.damage, self.problems, self.cuts, self.missing = inner.damage, inner.problems, inner.cuts, inner.missing
+        self.damage, self.problems, self.missing = inner.damage, inner.problems, inner.missing
         self.shift_ns, self.from_ns = inner.shift_ns, from_ns
         self._start_ns = inner.start_ns + from_ns
         self._end_ns = inner.end_ns if to_ns is None else min(inner.end_ns, inner.start_ns + to_ns)
-        elsewhere = set(inner.cuts) if self._end_ns < inner.end_ns else set()  # these are at the end of the file
-        elsewhere |= {words for words, times in inner.doubts.items() if not self._holds(*times)}
+        elsewhere = {words for words, times in inner.doubts.items() if not self._holds(*times)}
         self.problems = tuple(each for each in inner.problems if each not in elsewhere)
         part = (sample for sample in inner.samples if self._start_ns <= sample.t_ns <= self._end_ns)
         self._items = [Item(sample.t_ns, sample, ()) for sample in part]

@@ -23,6 +23,7 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.other_formats import is_other, other_recording
 from amaze_autonomy.bags.recording import Numbers
 from amaze_autonomy.engine.events import Event
+from amaze_autonomy.monitoring.condition import FOREVER_NS
 
 from ..errors import NoMessagesError, ReplayError, TimeJumpError, UnknownTopicError
 from .fields import Track
@@ -155,8 +156,7 @@ class Recordings:
             if topic not in known:
                 raise UnknownTopicError(topic, known)
         self.problems = problems_of(self.bags)
-        self.doubts = {words: times for bag in self.bags for words, times in _set_backs(bag)}
-        self.cuts = tuple(cut for cut in (getattr(bag, "cut", "") for bag in self.bags) if cut)
+        self.doubts = {words: times for bag in self.bags for words, times in (*_set_backs(bag), *_cuts(bag))}
         self.missing = tuple(topic for topic in self.topics if topic not in known or topic in self.muted)
         self._parts: Tuple[_Columns, ...] = tuple(self._of_topic(rank) for rank in range(len(self.topics)))
         if not self.count:
@@ -428,6 +428,12 @@ def _set_backs(bag: Any) -> List[Tuple[str, Tuple[int, int]]]:
     """Return that a recorder's clock was set back, with the times between which it is not known what came when."""
     found = getattr(bag, "set_back", None)
     return [] if found is None else [(f"{bag.path.name}: {found.words(bag.start_ns)}", (found.from_ns, found.to_ns))]
+
+
+def _cuts(bag: Any) -> List[Tuple[str, Tuple[int, int]]]:
+    """Return that a file was cut, with the times that are missing: all behind its own last message."""
+    cut = getattr(bag, "cut", "")
+    return [(cut, (bag.end_ns or 0, FOREVER_NS))] if cut else []
 
 
 def _figures(topic: str, times: Any, begin_ns: int, end_ns: int) -> TopicFigures:
