@@ -177,6 +177,33 @@ def test_messages_that_two_recordings_hold_are_refused(tmp_path):
         Recordings([whole, mcap], ("/a",))
 
 
+def recorded(path, later_ns=0, caller="/sensor", every=1, say=lambda n: number(n)):
+    """Write what one computer recorded of a topic, each message so much later."""
+    rows = [(START_NS + n * S // 100 + later_ns, "/a", say(n), caller) for n in range(0, 200, every)]
+    return write_bag(path, rows)
+
+
+@pytest.mark.parametrize("later_ns", [2_300_000, 903_000_000])
+def test_messages_of_one_node_that_two_computers_recorded_are_refused(tmp_path, later_ns):
+    whole, late = recorded(tmp_path / "a.bag"), recorded(tmp_path / "b.bag", later_ns)
+    part = recorded(tmp_path / "part.bag", later_ns, every=3)
+    words = r"^%s and %s hold the same messages, of /a first: each would count twice; name one of them"
+    for other in (late, part):
+        with pytest.raises(ReplayError, match=words % ("a.bag", other.name)):
+            Recordings([whole, other], ("/a",))
+
+
+def test_messages_of_another_node_or_content_are_not_the_same(tmp_path):
+    whole, always = recorded(tmp_path / "a.bag"), recorded(tmp_path / "always.bag", say=lambda _: number(7))
+    others = (
+        (whole, recorded(tmp_path / "other_content.bag", 2_300_000, say=lambda n: number(255 - n))),
+        (whole, recorded(tmp_path / "much_later.bag", 20 * S)),
+        (always, recorded(tmp_path / "other_node.bag", 2_300_000, "/other", say=lambda _: number(7))),
+    )
+    for one, other in others:
+        assert len(seen([one, other], ("/a",))) == 400
+
+
 def test_recordings_that_follow_on_one_another_or_share_a_moment_or_another_topic_are_read(tmp_path):
     whole = counted(tmp_path / "a.bag", 0, 100)
     for name, first, topic in (("next.bag", 100, "/a"), ("near.bag", 95, "/a"), ("other.bag", 0, "/b")):

@@ -10,6 +10,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any, Collection, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
@@ -33,6 +34,7 @@ from .statuses import sent_by, status_rows, taped_statuses
 _S = 1_000_000_000
 _NO_MESSAGE = "there is no message in it"
 _HANDFUL = 5  # of messages at equal times in two recordings may be chance, or where one was cut off the other
+_APART_NS = _S  # of the times of one message in two recordings: what `amaze-bag merge` takes for the same
 JUMP_NS = 3600 * _S  # no recording has nothing for so long: a clock was set
 _Rows = Sequence[Optional[Tuple[Any, ...]]]
 _Columns = Sequence[Any]
@@ -349,7 +351,7 @@ class Recordings:
         return t_ns, np.full(count, rank), np.full(count, number), *rest, np.arange(count)
 
     def _check_shared(self) -> None:
-        """Refuse recordings that hold the same messages, by topic and time: each of them would come twice."""
+        """Refuse recordings that hold the same messages, by time or content: each of them would come twice."""
         shared: Dict[Tuple[Path, Path], List[str]] = {}
         for topic, (t_ns, _, bags, *_) in zip(self.topics, self._parts):
             twice = np.flatnonzero((np.diff(t_ns) == 0) & (np.diff(bags) > 0))
@@ -357,9 +359,45 @@ class Recordings:
                 shared.setdefault((self.bags[one].path, self.bags[other].path), []).append(topic)
         for (path, other_path), topics in shared.items():
             if path != other_path and len(topics) > _HANDFUL:
-                same = f"{path.name} and {other_path.name} hold the same {len(topics)} messages, of {topics[0]} first"
-                right = "name one of them, or join them with `amaze-bag merge --duplicates drop`"
-                raise ReplayError(f"{same}: each would count twice; {right}")
+                raise _shared_error(path, other_path, f"{len(topics)} messages, of {topics[0]}")
+        for topic, columns in zip(self.topics, self._parts):
+            for one, other in combinations(np.unique(columns[2]).tolist(), 2):
+                path, other_path = self.bags[one].path, self.bags[other].path
+                if path != other_path and self._hold_the_same(columns, one, other):
+                    raise _shared_error(path, other_path, f"messages, of {topic}")
+
+    def _hold_the_same(self, columns: _Columns, one: int, other: int) -> bool:
+        """Return whether most of a handful of a topic's messages in one of two recordings are in the other as well.
+
+        That is where both have it at one time: two computers recorded it, each message at a time of its own.
+        """
+        t_ns, bags = columns[0], columns[2]
+        places = [np.flatnonzero(bags == number) for number in (one, other)]
+        first_ns, last_ns = max(t_ns[each[0]] for each in places), min(t_ns[each[-1]] for each in places)
+        both = [each[(t_ns[each] >= first_ns) & (t_ns[each] <= last_ns)] for each in places]
+        fewer, others = min(zip(both, reversed(places)), key=lambda pair: len(pair[0]))
+        if len(fewer) <= _HANDFUL:
+            return False
+        asked = fewer[np.linspace(0, len(fewer) - 1, _HANDFUL).astype(np.int64)].tolist()
+        return sum(self._is_among(columns, place, others) for place in asked) > _HANDFUL // 2
+
+    def _is_among(self, columns: _Columns, place: int, others: Any) -> bool:
+        """Return whether a message is among those of another recording that came at about its time, the next first."""
+        apart_ns = np.abs(columns[0][others] - columns[0][place])
+        order = np.argsort(apart_ns, kind="stable")[: int((apart_ns <= _APART_NS).sum())]
+        caller, raw = self._as_recorded(columns, place)
+        told = (self._as_recorded(columns, each) for each in others[order].tolist()) if raw is not None else ()
+        return any(data == raw and (by == caller or "" in (by, caller)) for by, data in told)
+
+    def _as_recorded(self, columns: _Columns, place: int) -> Tuple[str, Optional[bytes]]:
+        """Return who sent a message, where that is known, and its bytes; None where it has none, or is damaged."""
+        t_ns, _, number, publisher, chunk, offset, connection, _ = (int(column[place]) for column in columns)
+        bag = self.bags[number]
+        try:
+            raw = bag.raw(Entry(t_ns, publisher, chunk, offset, connection)) if hasattr(bag, "raw") else None
+        except MessageError:
+            raw = None
+        return bag.caller(connection) if hasattr(bag, "caller") else "", raw if isinstance(raw, bytes) else None
 
     def _check_times(self) -> None:
         """Refuse a recording in which a clock was set: virtual time would go through all the years between."""
@@ -402,6 +440,12 @@ class Recordings:
         """Note, once, what else is missing."""
         if problem not in self.problems:
             self.problems = (*self.problems, problem)
+
+
+def _shared_error(path: Path, other_path: Path, what: str) -> ReplayError:
+    right = "name one of them, or join them with `amaze-bag merge --duplicates drop`"
+    same = f"{path.name} and {other_path.name} hold the same {what} first"
+    return ReplayError(f"{same}: each would count twice; {right}")
 
 
 def _check_once(paths: Sequence[Path]) -> None:
