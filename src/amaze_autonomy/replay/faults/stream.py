@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import re
 from dataclasses import dataclass, replace
-from math import inf, isfinite, nan
+from math import inf, isfinite, isnan, nan
 from numbers import Integral, Number, Real
 from random import Random
 from typing import Any, Callable, Collection, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
@@ -228,6 +228,7 @@ _Read = Callable[[], Optional[Any]]
 _Make = Callable[[Acting, Sequence[int], Random, _Read], List[Edit]]
 _STEP = re.compile(r"[A-Za-z]\w*|\[\d+\]")
 _S = 1_000_000_000
+_PLAIN = (Number, np.generic, str, bytes)  # numpy's yes and no are no numbers of Python's
 _SILLY = 8191  # what range sensors of several makes say for "nothing seen"
 _CLOCKS = ("header", "stamp", "time_boot_ms", "time_usec", "time_unix_usec")  # of ROS, and of MAVLink: it has no header
 
@@ -240,10 +241,28 @@ def changed(message: Any, path: str, change: Callable[[Any], Any]) -> Any:
     """
     old = getter(path)(message)  # says which field is not there
     new = change(old)
-    if isinstance(new, (Number, np.generic, str)) and new == old:  # numpy's float32 is no number of Python's
+    if _same(old, new):
         return message
     steps: List[Union[str, int]] = [int(s[1:-1]) if s[0] == "[" else s for s in _STEP.findall(path)]
     return _changed(message, steps, lambda _: new, path)
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Return whether two values say the same; what is no number in both does."""
+    if isinstance(one, _PLAIN) and isinstance(other, _PLAIN):
+        return bool(one == other) or all(isinstance(each, Real) and isnan(each) for each in (one, other))
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, np.ndarray):
+        return (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
+    if isinstance(one, (list, tuple)):
+        return len(one) == len(other) and all(map(_same, one, other))
+    return _same(_said(one), _said(other)) if hasattr(one, "__dict__") else bool(one == other)
+
+
+def _said(message: Any) -> List[Tuple[str, Any]]:
+    """Return the fields of a message; what begins with _ is how it was sent, e.g. a number of the frame."""
+    return sorted((pair for pair in vars(message).items() if pair[0][0] != "_"), key=lambda pair: pair[0])
 
 
 def _changed(value: Any, steps: Sequence[Union[str, int]], change: Callable[[Any], Any], path: str) -> Any:
@@ -397,7 +416,8 @@ def _stuck(acting: Acting, times: Sequence[int], _: Random, read: _Read) -> List
         if not held:
             held.append(read())
         first = held[0] if held[0] is not None else message
-        return _at_the_time_of(message, first) if running else first
+        stuck = _at_the_time_of(message, first) if running else first
+        return message if _same(message, stuck) else stuck
 
     return [stick] * len(times)
 
