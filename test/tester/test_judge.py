@@ -239,6 +239,16 @@ def test_a_loss_whose_value_is_unknown_all_along_cannot_be_seen():
     assert found(never % "tilt", trace=replace(blind, decisions=(*TRACE.decisions, tilted))).grade is Grade.FAIL
 
 
+def test_a_pilot_whom_nothing_can_show_is_judged_where_one_is_there():
+    never = "{expect: never, of: {state: PILOT}}"
+    blind = replace(TRACE, blind={"PILOT": "scripted, not recorded"})
+    assert found(never, trace=blind).text == "nothing shows a pilot in this run: scripted, not recorded"
+    taken = decision(12, "MISSION", "PILOT", "pilot_took_over")
+    assert found("{expect: exists, of: {rule: pilot_took_over}}", trace=replace(blind, decisions=(taken,))).grade is (
+        Grade.PASS
+    )
+
+
 AT_ONCE = Trace(
     start_ns=0,
     end_ns=20 * S,

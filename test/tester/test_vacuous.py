@@ -131,6 +131,39 @@ def test_a_battery_that_is_not_recorded_is_never_critical(tmp_path):
     assert run_task(task).findings[0].text == words
 
 
+PILOTS = {
+    ("state: PILOT", ""): "VACUOUS",
+    ("rule: pilot_took_over", ""): "VACUOUS",
+    ("rule: armed_by_others", ""): "VACUOUS",
+    ("state: [PILOT, OUTREACH]", ""): "PASS",
+    ("rule: failure_land", ""): "PASS",
+    ("state: PILOT", "faults: [{process: autopilot, fault: silent, at_s: 22.0}]\n"): "PASS",
+    ("state: PILOT", "faults: [{process: autonomy, fault: restarted, at_s: 12.0, for_s: 1.0}]\n"): "PASS",
+    ("state: PILOT", PLANNER): "VACUOUS",
+}
+
+
+@pytest.mark.parametrize("pattern,fault", PILOTS)
+def test_that_no_pilot_takes_over_is_vacuous_where_nothing_could_show_one(pattern, fault):
+    lines = MAP.read_text().splitlines(keepends=True)
+    Path("flight.yaml").write_text("".join(line for line in lines if "armed:" not in line))
+    scenario = SCENARIO.partition("expectations:")[0]
+    never = f"expectations: [{{expect: never, of: {{{pattern}}}, to: 20.0}}]\n"
+    Path("x.scenario.yaml").write_text(scenario + fault + never)
+    (task,) = tasks_of([Path("x.scenario.yaml")], Options(goldens=False))
+    (finding,) = run_task(task).findings
+    verdict = PILOTS[pattern, fault]
+    words = {
+        "VACUOUS": "nothing shows a pilot in this run: armed, flight mode and failsafe: scripted, not recorded",
+        "PASS": "not between +0.000 s and +20.000 s",
+    }
+    assert (finding.grade.value, finding.text) == (verdict, words[verdict])
+
+
+def test_that_no_pilot_takes_over_is_judged_where_armed_is_recorded():
+    assert result("  - {expect: never, of: {state: PILOT}}\n")[0] == "PASS"
+
+
 def test_a_golden_of_nothing_judges_nothing_and_is_not_accepted(capsys):
     Path("x.scenario.yaml").write_text(SCENARIO.partition("expectations:")[0] + "to_s: 2.0\n")
     words = "it has no expectations, and nothing was decided: nothing was judged"

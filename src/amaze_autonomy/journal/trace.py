@@ -43,7 +43,7 @@ class Trace:
         readings: (time, value) of each of READINGS.
         faults: when each began, in the order of the scenario; None: it never did.
         begin_ns: of the run, where it begins later than its zero: it is a part of a recording.
-        blind: losses that nothing in the run can show, by name, and why.
+        blind: losses, and the state PILOT, that nothing in the run can show, by name, and why.
     """
 
     start_ns: int

@@ -48,7 +48,7 @@ from ..replay.plan import Plan, make_plan
 from ..replay.recordings.journals import read_journals
 from ..replay.recordings.sources import Recordings, silence, topics_of
 from ..replay.session import Outcome, Session, mission_of
-from .expect.model import Pattern, instants
+from .expect.model import PILOT, Pattern, instants
 from .scenario.files import meant, place_of
 from .scenario.model import Case, SourceKind
 from .task import Options
@@ -377,7 +377,9 @@ def _played(
     outcome: Outcome, zero_ns: int, acting: Sequence[Acting], touched: Sequence[int], broken: Sequence[str]
 ) -> Played:
     began = tuple(None if each.begin_ns == _NEVER else each.begin_ns for each in acting)
-    blind = blind_losses(outcome.facts | {fact for each in acting for fact in _facts_of(each.fault)})
+    facts = outcome.facts | {fact for each in acting for fact in _facts_of(each.fault)}
+    anew = any(each.fault.kind.name == "restarted" for each in acting)  # what it finds it did not command
+    blind = {**blind_losses(facts), **({} if anew or facts & _PILOT_FACTS else {PILOT: _NO_PILOT})}
     trace = replace(trace_of(outcome.journal, zero_ns, outcome.end_ns, began), begin_ns=outcome.start_ns, blind=blind)
     vacuous = [
         f"{each.fault} touched nothing" if each.begin_ns != _NEVER else f"{each.fault} never began"
@@ -388,6 +390,10 @@ def _played(
     marks = _marks_of_bags(outcome, zero_ns, acting)
     idle = tuple(number for number, count in enumerate(touched) if not count)
     return Played(outcome.journal, trace, tuple(vacuous), tuple(broken), marks, outcome.unread, idle)
+
+
+_PILOT_FACTS = frozenset(("armed", "mode", "failsafe"))
+_NO_PILOT = "armed, flight mode and failsafe: scripted, not recorded"
 
 
 def _facts_of(fault: Fault) -> Tuple[str, ...]:

@@ -64,14 +64,19 @@ class Pattern:
 _STATUS = "autopilot."
 LOSSES = (*(row.name for row in FAILSAFE_CONDITIONS), USER_HOLD)
 """What the engine itself looks at in every run, so that a decision can be about it."""
+PILOT = State.PILOT.value
+_TO_PILOT = frozenset(row.rule for row in TRANSITIONS if row.target is not None and row.target[0] is State.PILOT)
 
 
 def unseen(pattern: Pattern, trace: Trace) -> str:
     """Return why what a pattern is about cannot happen in a run; empty: it can.
 
-    A component of which no watchdog said a word never fails, whatever the rules are; nor does what a loss looks at come
-    where nothing tells it.
+    A component of which no watchdog said a word never fails, whatever the rules are; nor does what a loss, or a pilot
+    who takes over, looks like come where nothing tells it.
     """
+    if pattern.states == (PILOT,) or pattern.rule in _TO_PILOT:
+        there = any(decision.after == PILOT for decision in trace.decisions)
+        return f"nothing shows a pilot in this run: {trace.blind[PILOT]}" if PILOT in trace.blind and not there else ""
     name = pattern.component or pattern.failure
     if not name or (pattern.failure and name in map(about, trace.decisions)):
         return ""
