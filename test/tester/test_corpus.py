@@ -7,6 +7,8 @@ import json
 import os
 import re
 import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -15,9 +17,9 @@ from replay_bags import break_chunk, flight_rows, write_bag
 
 from amaze_autonomy.replay.errors import ReplayError
 from amaze_autonomy.tester.command import main
-from amaze_autonomy.tester.corpus import examined, kept_in, run_on_cluster
+from amaze_autonomy.tester.corpus import examined, kept_in, run_on_cluster, run_remotely
 from amaze_autonomy.tester.coverage import Hunt, mutation_lines, mutation_passed, run_hunts
-from amaze_autonomy.tester.task import Options, Verdict, tasks_of
+from amaze_autonomy.tester.task import Options, Task, Verdict, tasks_of
 
 MAP = Path(__file__).parents[1] / "replay" / "flight.yaml"
 FLIGHT = """\
@@ -268,6 +270,34 @@ def test_every_task_of_a_cluster_has_a_result_in_its_place(cluster, corpus):
         ("nominal", Verdict.PASS),
         ("short", Verdict.PASS),
     ]
+
+
+def test_threads_of_one_worker_keep_their_folders_apart(monkeypatch):
+    """The folder is a variable of the process: a worker of Dask has a thread for each core."""
+
+    def running(task):
+        before = os.environ["AMAZE_DATA"]
+        time.sleep(0.02)
+        return task.path, before, os.environ["AMAZE_DATA"]
+
+    monkeypatch.setenv("AMAZE_DATA", "/own")
+    monkeypatch.setattr("amaze_autonomy.tester.corpus.run_task", running)
+    monkeypatch.setattr("amaze_autonomy.tester.corpus.fetch_bags", lambda *_: None)
+    urls = ["file:///a", "", "file:///b"] * 3
+    with ThreadPoolExecutor(3) as threads:
+        found = list(threads.map(lambda url: run_remotely(Task(url), url), urls))
+    folders = [str(kept_in(url)) if url else "/own" for url in urls]
+    assert found == [(url, folder, folder) for url, folder in zip(urls, folders)]
+    assert os.environ["AMAZE_DATA"] == "/own"
+
+
+def test_two_that_fetch_one_bag_write_files_of_their_own(corpus, elsewhere, monkeypatch):
+    parts = []
+    monkeypatch.setattr("amaze_autonomy.tester.corpus._check_content", lambda _, part, __: parts.append(part.name))
+    for _ in range(2):
+        run_remotely(Task(str(corpus / "short.scenario.yaml"), options=Options(goldens=False)), elsewhere)
+        (kept_in(elsewhere) / "short.bag").unlink()
+    assert len(set(parts)) == 2
 
 
 def test_no_scheduler_is_one_clear_error(monkeypatch):

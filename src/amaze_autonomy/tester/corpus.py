@@ -7,6 +7,7 @@ import hashlib
 import os
 import shutil
 import sys
+import threading
 import time
 import uuid
 from contextlib import contextmanager
@@ -182,11 +183,15 @@ def _summary(results: Sequence[Result]) -> str:
 
 
 _CONNECT_S = 10
+_alone = threading.Lock()  # the folder of the bags is a variable of the process, and a worker may have several threads
 
 
 def run_remotely(task: Task, url: str) -> Result:
-    """Run one task where its bags may have to be fetched; it never raises. Called by a worker."""
-    with data_folder(url):
+    """Run one task where its bags may have to be fetched, one at a time in a process; it never raises.
+
+    Called by a worker.
+    """
+    with _alone, data_folder(url):
         try:
             if url:
                 fetch_bags(task, url)
@@ -322,7 +327,7 @@ def _is_kept(path: Path, sha256: str) -> bool:
 
 def _fetch(url: str, path: Path, sha256: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
     try:
         with _opened(url) as source, part.open("wb") as target:
             shutil.copyfileobj(source, target, _BLOCK)
