@@ -311,9 +311,9 @@ def cancelled_on_ground(context: Context) -> Optional[Seen]:
 def landing_shown(context: Context) -> Optional[Seen]:
     """The vehicle shows that it lands: on the ground, or, up to the limit, landing mode or sustained descent.
 
-    What landing detection or height contradicts shows nothing, nor does ON_GROUND before lift-off while it is armed: the
-    takeoff may still be on its way. A leg of a mission may descend as well, and a vehicle that stands in the air does
-    not land, whatever its mode is called.
+    What landing detection or height contradicts shows nothing, nor does ON_GROUND before lift-off while it is armed:
+    the takeoff may still be on its way. A leg of a mission may descend as well, and a vehicle that stands in the air
+    does not land, whatever its mode is called.
     """
     status = context.vehicle()
     before_lift_off = status is not None and status.armed is not False and not context.state.flight.was_airborne
