@@ -157,8 +157,10 @@ def _restart_loads(t: Any, event: Any) -> None:
         effects.load_mission(t)
 
 
-def _forgotten_flight(t: Any) -> None:
-    t.put("flight", was_airborne=True, was_armed=True)
+def _forgets_that_it_flew(patch: pytest.MonkeyPatch) -> None:
+    """Believe neither the vehicle nor the planner that it flies."""
+    patch.setattr(update, "_remember_flight", lambda t: t.put("flight", was_airborne=True, was_armed=True))
+    patch.setattr(context.Context, "planner_flew", lambda _: False)
 
 
 def _always_in_flight(t: Any) -> None:
@@ -362,7 +364,7 @@ DEFECTS: Tuple[Defect, ...] = (
         ("data",),
     ),
     Defect("what the flight lacks is kept quiet", without("data_lost"), ("data",)),
-    Defect("what flew is said not to be flown", attribute(update, "_remember_flight", _forgotten_flight), ("data",)),
+    Defect("what flew is said not to be flown", _forgets_that_it_flew, ("data",)),
     Defect("data is given up in silence", row("give_up_data", sets={}), ("data",)),
     Defect("a restart forgets the flight", takes(events.EngineStarted, _restart_forgets), ("flight with lrf",)),
     Defect("a restart takes off again", takes(events.EngineStarted, _restart_takes_off), (_TAKEOFF,)),

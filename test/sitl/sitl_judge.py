@@ -22,6 +22,7 @@ from amaze_autonomy.journal.journal import read
 
 _TOGETHER_S = 0.05  # what was on its way when the engine decided
 _ON_GROUND_M = 0.25
+_FLOWN_M = 1.0  # higher than its height drifts on the ground
 _SAME_S = 0.1
 _MAP = "px4_telemetry"  # it names messages, which both autopilots send
 _MODES = {"HOLD": "AUTO.LOITER", "RESUME": "AUTO.MISSION", "LAND": "AUTO.LAND"}
@@ -123,7 +124,7 @@ def judge(scenario: Scenario, autopilot: str, folder: Path) -> Verdict:
     wrong = [
         *_ended(facts),
         *_expected(scenario.expect[autopilot], result, states, wire, measured, journal),
-        *_rules(journal, wire),
+        *_rules(journal, wire, result),
         *_replayed(folder / "run" / "journal.jsonl"),
         *_log_replayed(folder, facts, scenario, scenario.expect[autopilot].get("log_within_s", _SAME_S)),
     ]
@@ -174,9 +175,12 @@ def _expected(
     return wrong
 
 
-def _rules(journal: Journal, wire: Wire) -> List[str]:
+def _rules(journal: Journal, wire: Wire, result: str = "") -> List[str]:
     """Check what holds in every flight."""
     wrong: List[str] = []
+    highest_m = max((height for _, height in wire.heights), default=0.0)
+    if result == "NOT_FLOWN" and highest_m > _FLOWN_M:
+        wrong.append(f"it was {highest_m:.1f} m up, and is said to be NOT_FLOWN")
     ours = [each for each in wire.orders if each.who != "station"]
     for each in ours:
         if each.what == "DISARM" and each.height_m > _ON_GROUND_M:

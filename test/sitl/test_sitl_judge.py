@@ -28,6 +28,14 @@ def test_a_landing_by_us_is_good():
     assert _rules(journal(*FLIGHT, (20.0, "LAND")), wire(LANDS, Order(29.0, "autopilot", "DISARM", 0.0))) == []
 
 
+def test_what_was_in_the_air_is_not_to_be_called_not_flown():
+    stood = wire(heights=((9.0, 0.0), (15.0, 0.2)))
+
+    assert _rules(journal((10.0, "TAKEOFF")), stood, "NOT_FLOWN") == []
+    assert _rules(journal((10.0, "TAKEOFF")), wire(), "LANDED_EARLY") == []
+    assert _rules(journal((10.0, "TAKEOFF")), wire(), "NOT_FLOWN") == ["it was 2.5 m up, and is said to be NOT_FLOWN"]
+
+
 def test_disarming_in_the_air_is_bad():
     bad = wire(Order(21.0, "planner", "DISARM", 1.3))
 
