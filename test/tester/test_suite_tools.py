@@ -286,13 +286,23 @@ def test_pytest_collects_scenarios_with_their_tags_and_margins(folder, run_pytes
     (folder / "gone.scenario.yaml").write_text(
         "version: 1\ndescription: x\nbags: [{path: no.bag}]\nmap: crazyflie_sine\n"
     )
-    done = run_pytest("--junitxml=r.xml", "-rs")
+    done = run_pytest("--junitxml=r.xml", "-rs", "-o", "amaze_skip_inconclusive=true")
     assert "1 passed, 1 skipped" in done.stdout, done.stdout
     assert "INCONCLUSIVE: " in done.stdout
     case = next(each for each in ET.parse("r.xml").getroot().iter("testcase") if each.get("name") == "lrf")
     names = [each.get("name") for each in case.iter("property")]
     assert names == ["requirement", "margin", "verdict", "digest"]
     assert "1 passed, 1 deselected" in run_pytest("-k", "hold").stdout
+
+
+def test_pytest_is_not_green_where_a_recording_is_missing(folder, run_pytest):
+    (folder / "lrf.scenario.yaml").write_text(
+        "version: 1\ndescription: x\nbags: [{path: no.bag}]\nmap: crazyflie_sine\n"
+    )
+    done = run_pytest()
+    assert done.returncode == 1
+    assert "1 failed" in done.stdout, done.stdout
+    assert re.search(r"^INCONCLUSIVE lrf: \S+no\.bag: is not there", done.stdout, re.MULTILINE)
 
 
 def test_pytest_shows_the_difference_and_a_mistake_with_its_line(folder, run_pytest):

@@ -1,8 +1,9 @@
 """pytest plugin: every `*.scenario.yaml` is collected as tests, one for each combination of its matrix.
 
 `-k`, `-x`, `--lf`, `-n` and `--junitxml` work as with any other test; tags are words for `-k`, and requirements,
-margins and the digest of the decisions are properties in the JUnit file. INCONCLUSIVE is a skip that says why; every
-other verdict but PASS fails. Goldens are accepted by `amaze-replay accept`, never here.
+margins and the digest of the decisions are properties in the JUnit file. Every verdict but PASS fails; with
+`amaze_skip_inconclusive = true` in pytest's configuration INCONCLUSIVE is a skip that says why. Goldens are accepted by
+`amaze-replay accept`, never here.
 """
 
 from __future__ import annotations
@@ -16,6 +17,12 @@ if TYPE_CHECKING:
     from . import Result, Task
 
 _SUFFIX = ".scenario.yaml"
+_SKIP = "amaze_skip_inconclusive"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the key of pytest's configuration."""
+    parser.addini(_SKIP, "skip scenarios whose recordings are missing, damaged or too short", "bool", default=False)
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> Optional[pytest.Collector]:
@@ -81,7 +88,7 @@ class ScenarioItem(pytest.Item):  # type: ignore[misc]
             if finding.margin_text
         ]
         self.user_properties += [("verdict", result.verdict.value), ("digest", result.digest)]
-        if result.verdict is Verdict.INCONCLUSIVE:
+        if result.verdict is Verdict.INCONCLUSIVE and self.config.getini(_SKIP):
             pytest.skip(f"INCONCLUSIVE: {result.headline}")
         if result.verdict is not Verdict.PASS:
             raise ScenarioFailedError(result)
