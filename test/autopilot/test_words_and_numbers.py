@@ -426,7 +426,7 @@ def test_a_submarine_s_modes_have_numbers_of_their_own(number, name):
     "kind, problem",
     [
         *[(kind, "") for kind in (2, 3, 4, 13, 14, 15, 29, 35, 43)],
-        (0, "the vehicle says that it is no multicopter (MAV_TYPE_GENERIC)"),
+        (0, "the vehicle does not say what it is: set MAV_TYPE (PX4) or FRAME_CLASS (ArduPilot)"),
         (1, "the vehicle says that it is no multicopter (MAV_TYPE_FIXED_WING)"),
         (10, "the vehicle says that it is no multicopter (MAV_TYPE_GROUND_ROVER)"),
         (12, "the vehicle says that it is no multicopter (MAV_TYPE_SUBMARINE)"),

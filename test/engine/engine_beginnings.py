@@ -36,7 +36,10 @@ def _outreach_recorded() -> Story:
 
 
 def _outreach_data() -> Story:
-    story = _data_cleanup()
+    return _its_data_fails(_data_cleanup())
+
+
+def _its_data_fails(story: Story) -> Story:
     story.recorder.fails = True
     story.agenda = [entry for entry in story.agenda if entry[2] != "_effect"]
     story.recorder.phase = ev.RecordingPhase.FAILED
@@ -157,6 +160,10 @@ def _data_cleanup_queued() -> Story:
     return story.until("DATA_CLEANUP", limit_s=90.0)
 
 
+def _outreach_data_queued() -> Story:
+    return _its_data_fails(_data_cleanup_queued())
+
+
 def _mission_ended() -> Story:
     return _data_cleanup().until("MISSION_ENDED").after(0.3)
 
@@ -167,6 +174,7 @@ BEGINNINGS: Dict[str, Callable[[], Story]] = {
     "OUTREACH": _outreach,
     "OUTREACH recorded": _outreach_recorded,
     "OUTREACH data": _outreach_data,
+    "OUTREACH data queued": _outreach_data_queued,
     "READY": _ready,
     "START_RECORDING": _start_recording,
     "LOAD_MISSION": _load_mission,

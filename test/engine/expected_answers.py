@@ -28,6 +28,9 @@ EXPECTED: Dict[str, Answers] = {
     "OUTREACH": Answers("RDDRRRRR", {"retry": "PREFLIGHT", "give_up": "MISSION_INPUT"}),
     "OUTREACH recorded": Answers("RDDRRRRR", {"retry": "PREFLIGHT", "give_up": "DATA_CLEANUP"}),
     "OUTREACH data": Answers("RDDRRRRR", {"retry": "DATA_CLEANUP", "give_up": "MISSION_ENDED"}),
+    "OUTREACH data queued": Answers(
+        "RDDRRDDR", {"retry": "DATA_CLEANUP", "give_up": "MISSION_ENDED", "land": "OUTREACH", "abort": "OUTREACH"}
+    ),
     "READY": Answers("DRDRRDDR", {"go": "START_RECORDING", **_END}),
     "START_RECORDING": Answers("ARDRRDDR", _CLEAN_UP),
     "LOAD_MISSION": Answers("ARDRRDDR", _CLEAN_UP),

@@ -118,6 +118,7 @@ ON_THE_GROUND: Dict[str, Dict[int, str]] = {
     "OUTREACH": dict.fromkeys((1, 2, 4, 8, 16), "OUTREACH"),
     "OUTREACH recorded": dict.fromkeys((1, 2, 4, 8, 16), "OUTREACH"),
     "OUTREACH data": dict.fromkeys((1, 2, 4, 8, 16), "OUTREACH"),
+    "OUTREACH data queued": dict.fromkeys((1, 2, 4, 8, 16), "OUTREACH"),
     "READY": {1: "READY", 2: "PREFLIGHT", 4: "PREFLIGHT", 8: "PREFLIGHT", 16: "PREFLIGHT"},
     "START_RECORDING": {1: "START_RECORDING", 2: "PREFLIGHT", 4: "PREFLIGHT", 8: "PREFLIGHT", 16: "PREFLIGHT"},
     "LOAD_MISSION": {1: "LOAD_MISSION", 2: "PREFLIGHT", 4: "PREFLIGHT", 8: "PREFLIGHT", 16: "PREFLIGHT"},

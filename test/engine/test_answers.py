@@ -359,3 +359,12 @@ def test_a_doubt_does_not_change_why_a_takeoff_was_cancelled():
 def test_the_end_of_a_users_hold_names_its_limit():
     story = at("HOLD holding").look().after(121.0).expect("LAND")
     assert first_message(story) == "Landing: the hold that the user asked for has lasted its 120 s."
+
+
+@pytest.mark.parametrize("command", ["land", "abort", "give_up"])
+def test_no_other_mission_takes_off_for_whoever_calls_it_off_just_as_the_limit_of_the_data_ends(command):
+    story = at("DATA_CLEANUP queued")
+    story.ticking = False
+    story.now += 2 * story.rules.limits.data_cleanup_limit_ns
+    assert story.user(command)[0] == "DONE"
+    assert (story.place[0], story.state.queue) == ("OUTREACH", ())

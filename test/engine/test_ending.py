@@ -33,6 +33,7 @@ TOLD_TO_END: Dict[str, End] = {
     "OUTREACH": End("MISSION_INPUT"),
     "OUTREACH recorded": End("DATA_CLEANUP", _STOP),
     "OUTREACH data": End("OUTREACH"),
+    "OUTREACH data queued": End("OUTREACH"),
     "READY": End("MISSION_INPUT"),
     "START_RECORDING": End("DATA_CLEANUP", _STOP),
     "LOAD_MISSION": End("DATA_CLEANUP", _STOP),
@@ -518,12 +519,22 @@ def test_a_flight_that_nobody_heard_is_never_called_not_flown(planner_says):
     assert story.state.session.result.value == "LANDED_EARLY"
 
 
-def test_an_armed_vehicle_that_was_not_heard_for_long_may_have_flown():
+@pytest.mark.parametrize("unheard", ["node", "link", "all unknown"])
+def test_an_armed_vehicle_that_was_not_heard_for_long_may_have_flown(unheard):
     story = at("TAKEOFF lifting_off")
-    story.silent.append("autopilot")
-    story.after(5.0).expect("LAND")
+    story.vehicle.obeys = False
+    if unheard == "node":
+        story.silent.append("autopilot")
+    for second in range(40):
+        if unheard != "node":
+            story.vehicle.says.update(link_age_s=float(second))
+        if unheard == "all unknown":
+            story.vehicle.says.update(armed=None, landed=ev.VehicleLanded.UNKNOWN, link_age_s=None)
+        story.after(1.0)
+    story.expect("LAND")
     story.vehicle.armed, story.vehicle.landed = False, ev.VehicleLanded.ON_GROUND
     story.silent.clear()
+    story.vehicle.says.clear()
     story.until("MISSION_ENDED")
     assert story.state.session.result.value == "LANDED_EARLY"
 

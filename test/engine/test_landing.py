@@ -83,7 +83,8 @@ def test_second_route_after_3_s_alarm_after_6_s_and_again_at_the_limit():
 def test_what_shows_a_landing(claims):
     story = at("LAND commanding")
     story.landing_says = ev.Landed.UNKNOWN
-    story.report().say(**claims).expect("LAND", "descending")
+    story.vehicle.says.update(height_m=0.5)
+    story.after(4.2).expect("LAND", "commanding").say(**claims).expect("LAND", "descending")
 
 
 def test_a_sustained_descent_shows_it_a_short_one_does_not():
@@ -223,6 +224,7 @@ def test_on_ground_but_armed_is_disarmed_after_a_while_and_again():
 )
 def test_never_disarmed_while_airborne_or_unknown(claims):
     story = _on_ground_armed()
+    story.disobeyed += ["LAND", "AutopilotLand"]
     story.say(**claims).after(30.0).expect("LAND")
     assert "AutopilotDisarm" not in story.motions
 
@@ -259,6 +261,38 @@ def test_a_vehicle_that_hovers_and_says_that_it_stands_is_commanded_to_land_all_
     assert "land_alarm" in story.told
     assert "stays_armed" not in story.told
     assert story.state.shown.key == "land_alarm"
+
+
+@pytest.mark.parametrize("lapse", [ev.Landed.UNKNOWN, ev.Landed.ON_GROUND])
+def test_a_landing_detection_with_gaps_hides_no_hovering_vehicle(lapse):
+    story = at("MISSION flying")
+    story.vehicle.obeys, story.planner.flown_ns = False, -(10**13)
+    story.vehicle.says.update(landed=ev.VehicleLanded.ON_GROUND, height_m=0.8, vertical_speed_m_s=0.0)
+    story.vehicle.speed = 0.0
+    story.landing_says = ev.Landed.AIRBORNE
+    story.after(0.4).look().fail("imu", 16)
+    for _ in range(6):
+        story.landing_says = lapse
+        story.after(0.8)
+        story.landing_says = ev.Landed.AIRBORNE
+        story.after(4.2)
+    story.expect("LAND", "commanding")
+    assert "AutopilotDisarm" not in story.requests
+    assert ("land_shown" in story.told, "stays_armed" in story.told) == (False, False)
+    assert story.state.shown.key == "land_alarm"
+
+
+def test_a_landing_detection_that_flickers_floods_nobody_with_landings():
+    story = at("MISSION flying")
+    story.vehicle.obeys, story.planner.flown_ns = False, -(10**13)
+    story.vehicle.says.update(landed=ev.VehicleLanded.ON_GROUND, height_m=0.8, vertical_speed_m_s=0.0)
+    story.vehicle.speed = 0.0
+    story.user("land")
+    story.look()
+    for number in range(200):
+        story.feed(ev.LandedStatus, landed=ev.Landed.AIRBORNE if number % 2 else ev.Landed.ON_GROUND)
+        story.after(0.05)
+    assert story.motions.count("LAND") <= 22
 
 
 def test_never_disarmed_when_ground_is_a_blink():

@@ -30,7 +30,14 @@ def test_a_nominal_mission_from_selection_to_its_end():
 def test_every_beginning_is_where_it_says(place):
     story = at(place)
     state, _, step = place.partition(" ")
-    step = {"recorded": "", "data": "", "landed": "", "holding takeoff": "holding", "queued": ""}.get(step, step)
+    step = {
+        "recorded": "",
+        "data": "",
+        "landed": "",
+        "holding takeoff": "holding",
+        "queued": "",
+        "data queued": "",
+    }.get(step, step)
     assert story.place == (state, step)
 
 

@@ -91,6 +91,11 @@ def _from(since: Optional[int], until: Optional[int]) -> bool:
 # --- where and when ---------------------------------------------------------------------------------------------------
 
 
+@_is("No mode has shown a resume that is under way: what it leads to is noted once it flies on.")
+def _(s: EngineState) -> bool:
+    return (s.state, s.step) != (State.HOLD, Step.RESUMING) or s.flight.mode_flown == ""
+
+
 @_is("A step is one of its state's.")
 def _(s: EngineState) -> bool:
     return s.step in _STEPS.get(s.state, (Step.NONE,))

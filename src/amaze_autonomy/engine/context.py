@@ -273,6 +273,15 @@ class Context:
         high = status is not None and status.height_m is not None and status.height_m >= self.limits.takeoff_height_m
         return detection is Landed.AIRBORNE or (high and detection is not Landed.ON_GROUND)
 
+    def contradicted(self) -> bool:
+        """Return True when something contradicts that it stands on the ground, or did a moment ago.
+
+        A range finder may see nothing for a moment: the landing detection's word of before it still counts.
+        """
+        last_ns = self.state.vehicle.contradicted_ns
+        lately = last_ns is not None and self.now - last_ns < self.limits.ground_disarm_after_ns
+        return lately or self.seems_to_fly()
+
     def planner_flew(self) -> bool:
         """Return True when the planner has said, since the takeoff command, that it flew on to its waypoints."""
         planner, started_ns = self.state.peers.planner, self.state.flight.started_ns

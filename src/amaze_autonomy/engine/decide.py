@@ -27,7 +27,7 @@ from .events import Event, MissionRejected, MissionSelected, RecordingPhase, Use
 from .failsafe import Change, and_words, waiting
 from .flight_guards import ALARM_STANDS, nobody_knows
 from .rules import Rules
-from .state import EngineState, Failure, FailureKind, Result, State, Step, put
+from .state import EngineState, Failure, FailureKind, OutreachKind, Result, State, Step, put
 from .transitions import ROWS_AT, Place, Transition
 from .update import update
 
@@ -69,6 +69,9 @@ CONDITIONS: Mapping[str, Callable[[Context], bool]] = {
     "the vehicle has been silent or unknown for long": lambda context: context.unknown_for_long(),
     "it has been disarmed for long": lambda context: context.disarmed_for_long(),
     "another mission waits": lambda context: bool(context.state.queue),
+    "another mission waits behind its data": lambda context: (
+        bool(context.state.queue) and context.state.session.outreach is OutreachKind.DATA
+    ),
     "last heard on the ground and disarmed": lambda context: context.last_heard_down(),
 }
 
@@ -83,6 +86,9 @@ _NOT_SEEN_DOWN = "Acknowledged; it is disarmed, and does not say that it has lan
 _UNKNOWN_END = "Acknowledged; whether it has landed and is disarmed is not known."
 _SEEMS_OVER = Case(_SO, "It seems to have landed; it is landed if it has not.")
 _CALLED_OFF = Case(_DONE, "No further takeoff; the data is being collected.", "another mission waits")
+_CALLED_OFF_NEXT = Case(
+    _DONE, "No further takeoff; retry the data, or give it up.", "another mission waits behind its data"
+)
 _UNDER_WAY = (Case(_SO, "The mission is under way."),)
 
 OTHERWISE: Mapping[UserCommand, str] = {
@@ -164,6 +170,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.HOLD: (Case(_DONE, "Landing.", "in flight"), _SEEMS_OVER),
         State.LAND: _LANDING,
         State.PILOT: _PILOT,
+        State.OUTREACH: (_CALLED_OFF_NEXT,),
         State.DATA_CLEANUP: (_CALLED_OFF,),
     },
     UserCommand.ABORT: {
@@ -181,7 +188,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.HOLD: (Case(_DONE, "Landing.", "in flight"), _SEEMS_OVER),
         State.LAND: _LANDING,
         State.PILOT: _PILOT,
-        State.OUTREACH: (Case(_NO, "Nothing flies: retry or give up."),),
+        State.OUTREACH: (_CALLED_OFF_NEXT, Case(_NO, "Nothing flies: retry or give up.")),
         State.DATA_CLEANUP: (_CALLED_OFF,),
     },
     UserCommand.ACKNOWLEDGE: {

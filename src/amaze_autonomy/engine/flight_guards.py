@@ -317,7 +317,7 @@ def landing_shown(context: Context) -> Optional[Seen]:
     """
     status = context.vehicle()
     before_lift_off = status is not None and status.armed is not False and not context.state.flight.was_airborne
-    grounded = status is not None and status.landed is VehicleLanded.ON_GROUND and not context.seems_to_fly()
+    grounded = status is not None and status.landed is VehicleLanded.ON_GROUND and not context.contradicted()
     if status is None or (not grounded and passed("land_limit", context.state, context.rules, context.now)):
         return None
     stalled = passed("landing_stall_limit", context.state, context.rules, context.now)
@@ -332,9 +332,9 @@ def landing_shown(context: Context) -> Optional[Seen]:
     )
 
 
-def seems_to_fly(context: Context) -> Optional[Seen]:
-    """Landing detection or height contradicts that it stands on the ground."""
-    return holds_if(context.seems_to_fly())
+def contradicted(context: Context) -> Optional[Seen]:
+    """Landing detection or height contradicts that it stands on the ground, or did a moment ago."""
+    return holds_if(context.contradicted())
 
 
 def flown_unheard(context: Context) -> Optional[Seen]:
@@ -347,8 +347,8 @@ def flown_unheard(context: Context) -> Optional[Seen]:
 
 def ground_armed(context: Context) -> Optional[Seen]:
     """On the ground for a while, still armed, and nothing says that it flies or moves: it may be disarmed."""
-    contradicted = context.seems_to_fly() or context.state.vehicle.moving_ns is not None
-    return None if contradicted else _armed_down(context, "ground_disarm_after")
+    flies = context.contradicted() or context.state.vehicle.moving_ns is not None
+    return None if flies else _armed_down(context, "ground_disarm_after")
 
 
 def stays_armed(context: Context) -> Optional[Seen]:
@@ -394,6 +394,6 @@ ALARM_STANDS: Mapping[str, Callable[[Context], Optional[Seen]]] = {
     "autopilot_lost": _lost,
     "land_alarm": lambda context: holds_if(context.state.step is Step.COMMANDING),
     "land_limit": lambda _: Seen(),
-    "stays_armed": lambda context: holds_if(context.on_ground() and context.armed() and not context.seems_to_fly()),
+    "stays_armed": lambda context: holds_if(context.on_ground() and context.armed() and not context.contradicted()),
 }
 """Until when each alarm of a landing is shown, whatever else is said; none outlives the landing."""

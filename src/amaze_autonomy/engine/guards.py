@@ -14,7 +14,7 @@ from .context import Context
 from .events import CHECKS, Check, MissionPhase, Outcome, RecordingPhase, UserCommand, Verdict, checks_of
 from .failsafe import FAILSAFE_CONDITIONS, clocks_words, proves_recording, severity_of
 from .rules import SEVERITIES, Action, action_of
-from .state import CheckRecord, ClockApart, EngineState, OutreachKind, Result, evolve
+from .state import CheckRecord, ClockApart, EngineState, OutreachKind, Result, State, evolve
 from .timers import passed, time_of
 from .update import lacking
 
@@ -60,6 +60,15 @@ def _asks(context: Context, *commands: UserCommand) -> Optional[Seen]:
 def user_ends(context: Context) -> Optional[Seen]:
     """The user lands, aborts or gives up on the ground: nothing takes off."""
     return _asks(context, UserCommand.GIVE_UP, UserCommand.ABORT, UserCommand.LAND)
+
+
+@on_request
+def user_calls_off(context: Context) -> Optional[Seen]:
+    """The user lands or aborts behind a flight, or gives up while its data is collected."""
+    session = context.state.session
+    if context.state.state is State.OUTREACH:
+        return _asks(context, *((UserCommand.ABORT, UserCommand.LAND) if session.outreach is OutreachKind.DATA else ()))
+    return user_ends(context)
 
 
 def timer(name: str) -> Guard:

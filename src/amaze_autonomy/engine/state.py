@@ -369,6 +369,7 @@ class Vehicle:
         takeover_reason: and why, in words.
         moving_ns, descending_ns: since when it flies on over ground, and sinks; `adrift_ns`: since when no mode shows a
             hold, and it moves, climbs or sinks.
+        contradicted_ns: when landing detection or height last contradicted that it stands on the ground.
     """
 
     down: Optional[Agreement] = None
@@ -381,6 +382,7 @@ class Vehicle:
     moving_ns: Optional[int] = None
     adrift_ns: Optional[int] = None
     descending_ns: Optional[int] = None
+    contradicted_ns: Optional[int] = None
 
 
 @dataclass(frozen=True)

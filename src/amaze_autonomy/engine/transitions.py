@@ -32,6 +32,7 @@ from .guards import (
     shutdown,
     timer,
     user,
+    user_calls_off,
     user_ends,
 )
 from .state import DataResult, OutreachKind, Result, State, Step
@@ -162,7 +163,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("autopilot_lost_alarm", (State.LAND,), flight.must_alarm, None, "autopilot_lost", {"landing.both_routes": True, "landing.lost_alarmed": True}, words="the vehicle is not heard, or not whether it flies: alarm to the pilot"),
     T("both_routes_needed", (State.LAND,), both(flight.must_land_both, flight.one_route_only), None, "land_both_routes", {}, do.land_both, "planner or autopilot is lost while landing"),
     T("disarm_on_ground", (State.LAND,), flight.ground_armed, None, "disarm", {}, do.disarm, "on the ground but armed for a while"),
-    T("stays_armed_alarm", (State.LAND,), both(flight.in_flight, flight.stays_armed, negated(flight.seems_to_fly), flight.not_armed_alarmed), None, "stays_armed", {"landing.armed_alarmed": True}, words="on the ground but armed for long: alarm to the pilot"),
+    T("stays_armed_alarm", (State.LAND,), both(flight.in_flight, flight.stays_armed, negated(flight.contradicted), flight.not_armed_alarmed), None, "stays_armed", {"landing.armed_alarmed": True}, words="on the ground but armed for long: alarm to the pilot"),
     T("landing_not_shown", (DESCENDING,), both(flight.vehicle_heard, negated(flight.landing_shown)), COMMANDING, words="the vehicle no longer shows that it lands, or the limit has passed"),
     T("landing_shown", (COMMANDING,), flight.landing_shown, DESCENDING, "land_shown", words="landing mode, sustained descent, or on the ground"),
     T("land_limit", (State.LAND,), both(timer("land_limit"), flight.not_overdue_alarmed), None, "land_limit", {"landing.overdue_alarmed": True}, do.alarm, "not landed in time: alarm, both routes repeat"),
@@ -227,12 +228,12 @@ TRANSITIONS: Tuple[Transition, ...] = (
     # after the flight
     T("acknowledged", (PILOT,), both(user(UserCommand.ACKNOWLEDGE), flight.heard_down), CLEANUP, "data_cleanup", words="on the ground, disarmed, acknowledged"),
     T("acknowledged_unknown", (PILOT,), user(UserCommand.ACKNOWLEDGE), CLEANUP, "landing_given_up", {}, do.lose_sight, "the vehicle has been silent, unknown or disarmed for long, and a person ends the mission"),
+    T("user_calls_off", (CLEANUP, OUTREACH), both(user_calls_off, mission_waits), None, "", {}, do.drop_queue, "the user lands or aborts, or gives up while data is collected: no other mission takes off"),
     T("nothing_to_collect", (CLEANUP,), ground.nothing_recorded, ENDED, "mission_ended", words="nothing was recorded"),
     T("data_lost", (CLEANUP,), ground.data_lost, ENDED, "mission_ended_incomplete", _INCOMPLETE, words="merged and verified, but something of the flight was not recorded"),
     T("data_complete", (CLEANUP,), ground.data_complete, ENDED, "mission_ended", {"session.data_result": DataResult.COMPLETE}, words="written, transferred, merged, verified"),
     T("data_incomplete", (CLEANUP,), ground.data_incomplete, OUTREACH, "data_incomplete", _FOR_DATA, words="the recorder refuses, fails, or is silent"),
     T("data_limit", (CLEANUP,), timer("data_cleanup_limit"), OUTREACH, "data_incomplete", _FOR_DATA, words="not complete in time"),
-    T("user_calls_off", (CLEANUP,), both(user_ends, mission_waits), None, "", {}, do.drop_queue, "the user lands, aborts or gives up: no other mission takes off"),
     T("retry_data", (OUTREACH,), both(user(UserCommand.RETRY), outreach_for(OutreachKind.DATA)), CLEANUP, "data_cleanup", words="the user retries the data"),
     T("give_up_data", (OUTREACH,), both(user(UserCommand.GIVE_UP), outreach_for(OutreachKind.DATA)), ENDED, "mission_ended_incomplete", _INCOMPLETE, do.drop_queue, "the user gives up on the data; nothing is deleted"),
     T("retry", (OUTREACH,), user(UserCommand.RETRY), PREFLIGHT, "preflight", {}, do.forgive, "the user retries; a running recording is kept"),

@@ -349,6 +349,9 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
         moving_ns=_since(vehicle.moving_ns, now, says=_moves(context, event)),
         adrift_ns=_since(vehicle.adrift_ns, now, says=_adrift(context, event)),
     )
+    if context.vehicle() is None:
+        _may_have_flown(context, armed=vehicle.motors is not None or context.state.flight.was_armed)
+    _contradicts(context)
     _flight(context)
     _armed_at_start(context)
     _planner_leads(context)
@@ -366,7 +369,7 @@ def _after_silence(context: Context) -> None:
         context.limits.autopilot_status_limit_ns
     )
     if silent:
-        _may_have_flown(context, armed=state.flight.was_armed)
+        _may_have_flown(context, armed=state.vehicle.motors is not None or state.flight.was_armed)
         _forget_ground(context)
         context.put("vehicle", down=None, aloft=None, motors=None, disarmed=None, spinning=None)
 
@@ -375,6 +378,11 @@ def _may_have_flown(context: Context, *, armed: bool) -> None:
     """Nobody can say that it was not flown, where it was not heard for so long in a flight, and may have been armed."""
     if context.state.flight.active and armed:
         context.put("session", flown=True)
+
+
+def _contradicts(context: Context) -> None:
+    if context.seems_to_fly():
+        context.put("vehicle", contradicted_ns=context.now)
 
 
 def _forget_ground(context: Context) -> None:
@@ -600,6 +608,7 @@ def _goes_on(context: Context) -> bool:
 def _landed_status(context: Context, event: LandedStatus) -> None:
     if _credible(context, "landing detection", event.age_ns):
         context.put("peers", landing=event, landing_ns=context.now)
+        _contradicts(context)
 
 
 _UPDATES: Dict[Type[Event], Callable[..., None]] = {

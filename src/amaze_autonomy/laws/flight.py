@@ -157,7 +157,7 @@ def grounded_is_landed_for(m: Moment) -> Verdict:
         return _is_landed_for(m, "it stays armed on the ground")
     if status is None or status.armed is not True or m.before.step is not Step.FLYING or saw.lands(limits):
         return None
-    if saw.contradicts_ground(limits) or saw.moving_ns is not None or not saw.on_ground(limits):
+    if saw.contradicted(limits) or saw.moving_ns is not None or not saw.on_ground(limits):
         return None
     told_ns = m.was.disarmed_ns
     due_ns = saw.ground_ns + limits.ground_disarm_after_ns
@@ -169,7 +169,7 @@ def grounded_is_landed_for(m: Moment) -> Verdict:
 def stays_armed_alarms(m: Moment) -> Verdict:
     if _handed_over(m) or m.after.state is not State.LAND or not _stays_armed(m):
         return None
-    if m.saw.contradicts_ground(m.rules.limits):  # it may hover: the pilot is alarmed that it does not land
+    if m.saw.contradicted(m.rules.limits):  # it may hover: the pilot is alarmed that it does not land
         return None
     return True if "stays_armed" in m.seen.alarms else "it stays armed, and the pilot was not alarmed"
 

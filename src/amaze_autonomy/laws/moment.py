@@ -142,7 +142,7 @@ def shows_landing(saw: Witness, rules: Rules) -> bool:
     sinks = sinks and (by_planner or status.mode not in MOVING)
     stands = saw.stalled_ns is not None and saw.now - saw.stalled_ns > rules.limits.landing_stall_limit_ns
     says = status.mode in LANDING_MODES or status.landed is ev.VehicleLanded.LANDING
-    grounded = status.landed is ev.VehicleLanded.ON_GROUND and not saw.contradicts_ground(rules.limits)
+    grounded = status.landed is ev.VehicleLanded.ON_GROUND and not saw.contradicted(rules.limits)
     return grounded or (says and not stands) or sinks
 
 

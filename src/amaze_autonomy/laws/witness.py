@@ -65,6 +65,7 @@ class Witness:
     battery_ns: Optional[int] = None
     descending_ns: Optional[int] = None
     moving_ns: Optional[int] = None
+    contradicted_ns: Optional[int] = None
     down_ns: Optional[int] = None
     foreign: bool = False
     ground_ns: Optional[int] = None
@@ -156,6 +157,11 @@ class Witness:
         status, detected = self.fresh(limits), self.detected(limits)
         high = status is not None and status.height_m is not None and status.height_m >= limits.takeoff_height_m
         return detected is ev.Landed.AIRBORNE or (high and detected is not ev.Landed.ON_GROUND)
+
+    def contradicted(self, limits: Limits) -> bool:
+        """Return True when something contradicts that it stands on the ground, or did a moment ago."""
+        lately = self.contradicted_ns is not None and self.now - self.contradicted_ns < limits.ground_disarm_after_ns
+        return lately or self.contradicts_ground(limits)
 
     def detected(self, limits: Limits) -> ev.Landed:
         """Return what the landing detection says, freshly."""
@@ -259,6 +265,7 @@ def _autopilot(
     if again and rises and event.armed is not False and witness.flown != "AUTO.MISSION":
         _flown(witness, event.mode, changes, state)  # what two statuses in a row have said
     _count_taken(witness, event, now, changes, state, limits)
+    _on_the_ground(witness, event, now, changes, limits)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
         changes["answered"] = True
     if not link_good:
@@ -268,7 +275,7 @@ def _autopilot(
     down = ground and event.armed is False
     silent = previous is None or now - witness.vehicle_ns > limits.autopilot_status_limit_ns
     changes["down_ns"] = (now if witness.down_ns is None or silent else witness.down_ns) if down else None
-    contradicted = evolve(witness, now=now, vehicle=event, vehicle_ns=now).contradicts_ground(limits)
+    contradicted = changes.get("contradicted_ns") == now
     confirm_ns = limits.confirm_limit_ns if contradicted else limits.flight_end_confirm_ns
     agreed = down and witness.down_ns is not None and now - witness.down_ns >= confirm_ns
     if agreed and witness.flight == "armed":
@@ -276,6 +283,18 @@ def _autopilot(
     if witness.flight == "commanded" and event.armed is True:
         changes["flight"] = "armed"
     _in_the_air(witness, event, changes, state)
+
+
+def _on_the_ground(witness: Witness, event: Any, now: int, changes: Dict[str, Any], limits: Limits) -> None:
+    """Note when something contradicts that it stands there, and whether it may have left it unheard."""
+    before = evolve(witness, now=witness.vehicle_ns)
+    after = evolve(witness, now=now, vehicle=event, vehicle_ns=now)
+    if after.contradicts_ground(limits):
+        changes["contradicted_ns"] = now
+    said = before.fresh(limits)
+    gap = now - witness.vehicle_ns > limits.autopilot_status_limit_ns or after.fresh(limits) is None
+    if witness.flight == "armed" and said is not None and said.armed is True and gap:
+        changes["flew"] = True  # for all that anybody knows
 
 
 def _in_the_air(witness: Witness, event: Any, changes: Dict[str, Any], state: EngineState) -> None:
@@ -467,8 +486,12 @@ def _recorder(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *
         changes["recording"] = "complete"
 
 
-def _landed(_witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
+def _landed(
+    witness: Witness, event: Any, now: int, changes: Dict[str, Any], _state: EngineState, limits: Limits
+) -> None:
     changes.update(detection=event.landed, detection_ns=now)
+    if evolve(witness, now=now, detection=event.landed, detection_ns=now).contradicts_ground(limits):
+        changes["contradicted_ns"] = now
 
 
 def _check_reply(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
@@ -503,7 +526,14 @@ def _started(
         changes.update(idle_ns=None, unknown_ns=None, armed_unknown_ns=None)
         changes.update(sent_ns=now, second_ns=now)  # what was commanded is, again, once it was heard who has control
         changes.update(
-            growing_ns=None, descending_ns=None, down_ns=None, ground_ns=None, taken=0, armed_late=0, stalled_s=0.0
+            growing_ns=None,
+            descending_ns=None,
+            contradicted_ns=None,
+            down_ns=None,
+            ground_ns=None,
+            taken=0,
+            armed_late=0,
+            stalled_s=0.0,
         )
         for field in ("beat_ns", "battery_ns"):
             if getattr(witness, field) is not None:

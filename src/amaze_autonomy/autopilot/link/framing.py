@@ -19,6 +19,7 @@ _MAGICS = (V1, V2)
 _SIGNED = 0x01
 _SIGNATURE = 13
 _CHECKSUM = 2
+LONGEST = 10 + 255 + _CHECKSUM + _SIGNATURE
 _CRC_EXTRA: Mapping[int, int] = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
 
 

@@ -122,6 +122,8 @@ def kind_problem(vehicle: int) -> str:
     """Return why a MAV_TYPE is not flown, in words; empty: it is a multicopter."""
     if vehicle in MULTICOPTERS:
         return ""
+    if vehicle == mavlink.MAV_TYPE_GENERIC:
+        return "the vehicle does not say what it is: set MAV_TYPE (PX4) or FRAME_CLASS (ArduPilot)"
     known = mavlink.enums["MAV_TYPE"].get(vehicle)
     return f"the vehicle says that it is no multicopter ({known.name if known else f'MAV_TYPE {vehicle}'})"
 
