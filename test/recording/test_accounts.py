@@ -98,6 +98,16 @@ def test_a_file_that_begins_before_the_last_message_of_the_one_before_proves_a_c
         assert account([file(1, 0, 10), file(1, begin_s, 20, split=1)], []).set_back == []
 
 
+def test_a_gap_that_ends_before_it_began_proves_a_clock_that_was_set_back_whatever_the_files_say():
+    """Its computer was away for an hour of its clock, and afterwards nobody published what the group records."""
+    back = gap(2, -3598.6, "its computer was started anew", **between(3620, 21.4))
+    unknown = {**back, "seconds": None}
+    assert account([file(1, 0, 20), Written("a", 2)], [back]) == Account([unknown], {}, {}, ["a"])
+    assert account([], [back]) == Account([unknown], {}, {}, ["a"])
+    away = {**unknown, **between(20, 25)}
+    assert account([file(1, 0, 20), file(2, 25, 30)], [back]) == Account([away], {}, {}, ["a"])
+
+
 def seen(number, from_s, to_s):
     return {"file": number, **{key: None if s is None else s * S for key, s in (("from_ns", from_s), ("to_ns", to_s))}}
 

@@ -469,6 +469,13 @@ def test_what_arrived_and_is_no_list_is_said(tmp_path, content):
         check_arrived(tmp_path)
 
 
+def test_a_list_of_an_earlier_version_whose_gap_ends_before_it_began_tells_of_a_clock_that_was_set_back(tmp_path):
+    gaps = [{**GAP, "seconds": seconds} for seconds in (1.0, -3598.6)] + [{**GAP, "group": "b", "seconds": -0.5}]
+    (tmp_path / PARTS).write_text(json.dumps({"files": [], "gaps": gaps, "set_back": ["b"]}))
+    unknown = [gaps[0], *({**gap, "seconds": None} for gap in gaps[1:])]
+    assert check_arrived(tmp_path) == {"files": [], "gaps": unknown, "set_back": ["b", "a"]}
+
+
 ENTRY = {"file": "a-01.bag", "bytes": 0, "sha256": hashlib.sha256().hexdigest(), "lost": None}
 GAP = {"group": "a", "file": 2, "seconds": 1.0, "ending": "it ended"}
 LISTS = {
@@ -485,6 +492,7 @@ LISTS = {
             {"files": [{"file": "a-01.bag"}]},
             {"files": [{**ENTRY, "sha256": "1f"}]}, {"gaps": 3}, {"gaps": [{**GAP, "ending": None}]},
             {"gaps": [{"group": "a", "file": 2, "ending": "it ended"}]}, {"gaps": [{**GAP, "seconds": math.nan}]},
+            {"gaps": [{**GAP, "seconds": -math.inf}]},
             {"dropped": "3"}, {"missing": {"/c": -1}}, {"recorded": {"a": None}}, {"recorded": {"a": [1]}},
             {"open_ends": []}, {"topics": {"a": "/c"}}, {"gone": "a-03.bag"}, {"set_back": [1]},
         )

@@ -4,10 +4,13 @@ import json
 from dataclasses import replace
 
 import pytest
+import recording_story
 from recording_story import EPOCH_NS, PHASE, Platform, S, recorded_memory, recording, recovered, stopped
 
 from amaze_autonomy.recording import Answer, GroupSetup, PlatformRecorder
+from amaze_autonomy.recording.parts import close_parts
 from amaze_autonomy.recording.status import UNWANTED, Recover, Signal, StartChild, configured
+from amaze_autonomy.recording.storage import read_parts
 
 
 def test_goes_all_the_way_from_idle_to_a_complete_part():
@@ -391,6 +394,26 @@ def test_a_recording_that_was_stopped_and_goes_on_has_a_gap():
     assert cameras == {**states, "group": "cameras"}
     words = "{0}: its recording was interrupted once, 30.2 s are missing"
     assert platform.part.message == f"{words.format('states')}; {words.format('cameras')}"
+
+
+def test_where_a_clock_was_set_back_in_a_pause_nobody_knows_how_long_it_was_and_the_list_is_one(tmp_path, monkeypatch):
+    """By NTP in two seconds of a pause; or a computer is started anew without a battery for its clock."""
+    platform = recording()
+    stopped(platform)
+    monkeypatch.setattr(recording_story, "EPOCH_NS", EPOCH_NS - 5 * S)
+    platform.silent["cameras"] = True
+    platform.go_on(2.0 - 0.4)
+    platform.start()
+    platform.go_on(1.0)
+    states, cameras = (
+        f"{name}: its recording was interrupted once, an unknown time is missing (its clock was set back)"
+        for name in ("states", "cameras")
+    )
+    assert platform.part.message == f"{states}; cameras: nobody publishes its topics; {cameras}"
+    content = close_parts(tmp_path, platform.machine.facts())
+    assert [gap["seconds"] for gap in content["gaps"]] == [None, None]
+    assert content["set_back"] == ["states", "cameras"]
+    assert read_parts(tmp_path) == content
 
 
 def test_a_group_that_nobody_publishes_has_no_longer_gap_than_until_its_recorder_is_subscribed():

@@ -10,9 +10,9 @@ numbers count what others get. So what is found is a lower bound.
 Each recorder of a group writes the next file. Between two recorders of a group there is a gap, whoever ended the first
 and however; it lasts from the last message of the one to the first of the other, by their record times. A group whose
 last file was not closed may have missed all that came after it; what it missed before its first recorder and after its
-last one is what lies between them and the flight. A file that begins before the last message of the one before it
-proves that its computer's clock was set back, as by a restart without a battery for it: nobody knows how long that gap
-was, nor by its record times what was in the flight.
+last one is what lies between them and the flight. A file that begins before the last message of the one before it, and
+a gap that ends before it began, prove that its computer's clock was set back, as by a restart without a battery for it:
+nobody knows how long that gap was, nor by its record times what was in the flight.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from amaze_autonomy.bags.read import Loader, Pool
 from amaze_autonomy.units import SECOND
 
 from .status import STOPPED, Configured, lacking, lacking_words
+from .storage import told_gaps
 
 # --- numbers in headers -----------------------------------------------------------------------------------------------
 
@@ -188,7 +189,8 @@ class Account(NamedTuple):
         gaps: times in which a group was not recorded, with the numbers that are missing over each.
         missing: numbers that are missing elsewhere, by topic.
         open_ends: time of the last message of each group whose last file was not closed, or has not one byte.
-        set_back: groups of which a file begins before the last message of the one before it.
+        set_back: groups of which a file begins before the last message of the one before it, or a gap ends before it
+            began.
     """
 
     gaps: List[Dict[str, Any]]
@@ -210,9 +212,10 @@ def account(files: Iterable[Written], gaps: Sequence[Mapping[str, Any]]) -> Acco
 
     Args:
         files: of the part.
-        gaps: that the machine saw.
+        gaps: that the machine saw; one of a negative length ends before it began.
     """
-    found = Account([dict(each) for each in gaps], {}, {}, [])
+    told, back = told_gaps(gaps)
+    found = Account(told, {}, {}, back)
     by_group: Dict[str, List[Written]] = {}
     for each in sorted(files, key=lambda each: (each.group, each.number, each.split)):
         by_group.setdefault(each.group, []).append(each)
@@ -240,7 +243,7 @@ def _account_group(found: Account, group: str, files: List[Written]) -> None:
                 _add(found.missing, topic, count)
             continue
         gap.update(from_ns=before.last_ns, to_ns=after.first_ns)
-        gap["seconds"] = None if set_back else max(0, between_ns) / SECOND
+        gap["seconds"] = None if set_back or gap["seconds"] is None else max(0, between_ns) / SECOND
         if sum(missing.values()):
             gap["missing"] = sum(missing.values())
 

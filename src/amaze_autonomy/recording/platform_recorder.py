@@ -18,9 +18,9 @@ Where a recorder of a group ended, or said that it stopped to write, while it sh
 last growth of its files to the next, or to the end of the recording. So there is where its process was stopped (it is
 told to go on), and where a recording was stopped and goes on, or its computer was started anew. That files do not grow
 is no gap: of a few small messages nothing is written for long; what a slow disk loses, the recorder says in its log,
-and headers count it. What is known of a session is kept when another one begins: it may be taken up again. So is what
-is known of a group that is not in the configuration any more: its recorder is ended, and the rest of the session is a
-gap of it.
+and headers count it. A gap of a negative length proves that the clock was set back: how long it was nobody knows. What
+is known of a session is kept when another one begins: it may be taken up again. So is what is known of a group that is
+not in the configuration any more: its recorder is ended, and the rest of the session is a gap of it.
 """
 
 from __future__ import annotations
@@ -99,6 +99,7 @@ _FULL = "the storage was full"
 _REMOVED = "its files were removed"
 _ANEW = "its computer was started anew"
 _HALTED = "its process was stopped"
+_UNKNOWN = "an unknown time is missing (its clock was set back)"
 
 _UNSEEN: Mapping[str, Optional[int]] = {"file": None, "from_ns": None, "to_ns": None}
 
@@ -270,8 +271,9 @@ class Group:
         closed = self.gaps[:-1] if self._gap_ns is not None else self.gaps
         if closed:
             times = "once" if len(closed) == 1 else f"{len(closed)} times"
-            lost_s = sum(each["seconds"] for each in closed)
-            found.append(f"{self.name}: its recording was interrupted {times}, {lost_s:.1f} s are missing")
+            lost_s, set_back = sum(each["seconds"] for each in closed), any(each["seconds"] < 0 for each in closed)
+            missing = _UNKNOWN if set_back else f"{lost_s:.1f} s are missing"
+            found.append(f"{self.name}: its recording was interrupted {times}, {missing}")
         if self.dropped:
             found.append(f"{self.name}: messages were dropped, at least {self.dropped}")
         return found

@@ -116,7 +116,7 @@ def _is_count(value: Any) -> bool:
 
 
 def _is_length(value: Any) -> bool:
-    return isinstance(value, (int, float)) and 0 <= value < math.inf
+    return isinstance(value, (int, float)) and -math.inf < value < math.inf
 
 
 def _or_null(shape: Shape) -> Shape:
@@ -184,7 +184,17 @@ def read_parts(folder: Path) -> Optional[Dict[str, Any]]:
     if wrong or "files" not in known:
         _log.warning("%s: %s: that cannot be", folder / PARTS, ", ".join(wrong or ["files"]))
         return None
+    gaps, set_back = told_gaps(known.get("gaps", ()))
+    if set_back:  # an earlier version wrote it
+        known.update(gaps=gaps, set_back=list(dict.fromkeys((*known.get("set_back", ()), *set_back))))
     return {**known, "files": [{**each, **_small(each)} for each in known["files"]]}
+
+
+def told_gaps(gaps: Sequence[Mapping[str, Any]]) -> Tuple[List[Dict[str, Any]], List[str]]:
+    """Return gaps, and the groups whose clock was set back by them: one is shorter than 0 s, and told as null."""
+    back = [gap["seconds"] is not None and gap["seconds"] < 0 for gap in gaps]
+    told = [{**gap, "seconds": None} if is_back else dict(gap) for gap, is_back in zip(gaps, back)]
+    return told, list(dict.fromkeys(str(gap["group"]) for gap, is_back in zip(gaps, back) if is_back))
 
 
 def _small(entry: Mapping[str, Any]) -> Dict[str, str]:
