@@ -22,6 +22,8 @@ from amaze_autonomy.recording.losses import losses
 from amaze_autonomy.recording.parts import check_arrived, close_parts, recover_damaged, whole_bags
 from amaze_autonomy.recording.storage import PARTS, remove_part
 
+SEEN = {"file": 1, "from_ns": None, "to_ns": None}
+
 
 def words(content):
     return [each.words for each in losses(content)]
@@ -179,6 +181,27 @@ def test_a_bag_whose_name_is_no_recorders_is_named_and_not_listed(tmp_path, name
     shutil.copy(path, tmp_path / name)
     assert close_parts(tmp_path, {**FACTS, "anew": True}) == listed(tmp_path) == {**before, "foreign": [name]}
     assert digest(tmp_path / name) == digest(path)
+
+
+@pytest.mark.parametrize("name", ["copy of states-01.bag", "cut-01.bag", "states-01-02.bag", "2026-10-12-10-00-00.bag"])
+@pytest.mark.parametrize("key", ["topics", "configured", "seen"])
+def test_a_bag_whose_name_is_like_a_recorders_and_of_no_group_of_the_recording_is_not_listed(tmp_path, name, key):
+    path = bag(tmp_path / "states-01.bag", rows("/a", 20))
+    known = {"topics": ["/a"], "configured": {"topics": ["/a"], "match": [], "exclude": ""}, "seen": SEEN}
+    facts = {**FACTS, key: {"states": known[key]}}
+    before = close_parts(tmp_path, facts)
+    shutil.copy(path, tmp_path / name)
+    assert close_parts(tmp_path, {**facts, "anew": True}) == {**before, "foreign": [name]}
+
+
+def test_what_a_group_recorded_that_nobody_remembers_is_known_by_its_log(tmp_path):
+    """What the node remembers was lost, and the group is not in the configuration any more."""
+    killed(tmp_path, "cameras-01.bag.active", rows("/c", 20))
+    (tmp_path / "cameras.log").write_text("")
+    bag(tmp_path / "states-01.bag", rows("/a", 20))
+    content = close_parts(tmp_path, {**FACTS, "seen": {"states": SEEN}})
+    assert [each["file"] for each in content["files"]] == ["cameras-01.bag", "states-01.bag"]
+    assert "foreign" not in content
 
 
 def test_an_undo_file_that_is_damaged_is_no_reason_to_do_without_the_bag(tmp_path):

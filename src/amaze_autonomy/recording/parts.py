@@ -4,8 +4,8 @@ What a recorder left open is closed where it lies: the bytes that this changes a
 damaged elsewhere than at its end is recovered into a new bag, and the original stays beside that. Where that is gone
 later, or was cut, the new bag is all that there is, and stays listed. Where the storage has no space for it, it is
 listed as it is: the collector makes it whole. So it does where a merge finds damaged data in a bag whose index is good.
-A file of which nothing can be read is a loss that is told, and hinders no other. A bag whose name no recorder gives, as
-one that somebody cut out of another, is named, and nothing else is done with it.
+A file of which nothing can be read is a loss that is told, and hinders no other. A bag whose name no recorder of its
+groups gives, as one that somebody cut out of another, is named, and nothing else is done with it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import struct
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set
+from typing import AbstractSet, Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set
 
 from amaze_autonomy.bags.errors import BagError, RecordError
 from amaze_autonomy.bags.index import Index
@@ -57,12 +57,16 @@ def _inside(lost: Optional[int]) -> Dict[str, Optional[int]]:
     return {} if lost == 0 else {"lost_inside": lost}
 
 
-def open_bags(folder: Path) -> List[Path]:
+def open_bags(folder: Path, groups: AbstractSet[str]) -> List[Path]:
     """Return what recorders wrote, in order of name; not what was recovered from it, nor what only lies there.
 
     What is gone is named where it was recovered before; where that is damaged now, it stands for what is gone.
+
+    Args:
+        folder: of the part.
+        groups: that were recorded; none: nobody knows.
     """
-    bags = [path for path in _bags(folder) if _is_recorders(path.name)]
+    bags = [path for path in _bags(folder) if _is_recorders(path.name, groups)]
     recovered = {path for path in bags if path.name.endswith(_RECOVERED)}
     found = set(bags) - recovered
     for path in recovered - {_output(each, folder) for each in found}:
@@ -77,14 +81,21 @@ def _bags(folder: Path) -> List[Path]:
     return sorted(path for path in found if not path.name.startswith("."))
 
 
-def _is_recorders(name: str) -> bool:
+def _groups(folder: Path, facts: Mapping[str, Any]) -> Set[str]:
+    """Return the groups of a recording; none where nobody names one. Of one that nobody remembers there is the log."""
+    named = {str(group) for key in ("seen", "configured", "topics") for group in facts.get(key, {})}
+    return named | {path.stem for path in folder.glob("*.log")} if named else named
+
+
+def _is_recorders(name: str, groups: AbstractSet[str]) -> bool:
     """Return whether a recorder gave a bag its name, or what it is called that is recovered from such a one."""
-    return written(f"{recording_of(name)}.bag") is not None
+    file = written(f"{recording_of(name)}.bag")
+    return file is not None and (not groups or file.group in groups)
 
 
-def _foreign(folder: Path) -> Dict[str, List[str]]:
+def _foreign(folder: Path, groups: AbstractSet[str]) -> Dict[str, List[str]]:
     """Return the names of bags that are no recorder's, as a copy or a cut; nothing when there are none."""
-    foreign = [path.name for path in _bags(folder) if not _is_recorders(path.name)]
+    foreign = [path.name for path in _bags(folder) if not _is_recorders(path.name, groups)]
     return {"foreign": foreign} if foreign else {}
 
 
@@ -236,8 +247,8 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
 
     Args:
         folder: of the part.
-        facts: of the recording, for the list: session, platform, gaps, dropped, when recorders were seen; `anew` says
-            that nothing was recorded since it was listed, so what is not as it was then is a loss.
+        facts: of the recording, for the list: session, platform, groups, gaps, dropped, when recorders were seen;
+            `anew` says that nothing was recorded since it was listed, so what is not as it was then is a loss.
         progress: called with bytes done and all bytes.
 
     Raises:
@@ -245,7 +256,8 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
         FolderError: The list cannot be written.
     """
     before, anew = read_parts(folder) or {"files": []}, bool(facts.get("anew"))
-    paths = open_bags(folder)
+    groups = _groups(folder, facts)
+    paths = open_bags(folder, groups)
     by_hand = _recovered_by_hand(paths)
     paths = [path for path in paths if path.with_name(f"{path.name}{_ACTIVE}") not in by_hand]
     meter = _Meter(sum(map(_size, paths)), progress)
@@ -259,7 +271,7 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
         meter.add(size)
     known = account(files, facts.get("gaps", []))
     logs = sorted(folder.glob("*.log"))
-    more = {**_gone(folder, entries, before, anew=anew), **_foreign(folder)}
+    more = {**_gone(folder, entries, before, anew=anew), **_foreign(folder, groups)}
     facts = {key: value for key, value in facts.items() if key != "anew"}
     content = {"parts": 1, **facts, **known._asdict(), **more, "files": entries, "logs": [path.name for path in logs]}
     content["dropped"] = max(int(facts.get("dropped", 0)), sum(map(_warnings, logs)))
