@@ -158,11 +158,14 @@ def test_what_is_a_little_late_or_written_topic_by_topic_is_no_step(tmp_path):
     assert problems(write_bag(tmp_path / "y.bag", by_topic)) == ()
 
 
-TWICE = r"^%s and %s hold the same %d messages, of /a first: each would count twice; name one of them"
+TWICE = (
+    r"^%s and %s hold the same %smessages, of /a first, or a clock was set back: each would count twice; name one of "
+    r"them, or, where they are the same, join them with `amaze-bag merge --duplicates drop`$"
+)
 
 
 def counted(path, first, last, topic="/a"):
-    return write_bag(path, [(START_NS + n * S // 7, topic, number(n)) for n in range(first, last)])
+    return write_bag(path, [(START_NS + n * S // 7, topic, number(n % 250)) for n in range(first, last)])
 
 
 def test_messages_that_two_recordings_hold_are_refused(tmp_path):
@@ -170,16 +173,16 @@ def test_messages_that_two_recordings_hold_are_refused(tmp_path):
     copy.write_bytes(whole.read_bytes())
     part = counted(tmp_path / "part.bag", 50, 120)
     for other, many in ((copy, 100), (part, 50)):
-        with pytest.raises(ReplayError, match=TWICE % ("a.bag", other.name, many)):
+        with pytest.raises(ReplayError, match=TWICE % ("a.bag", other.name, f"{many} ")):
             Recordings([whole, other], ("/a",))
     mcap = write_mcap(tmp_path / "a.mcap", [(START_NS + n * S // 7, "/a", number(n)) for n in range(100)])
-    with pytest.raises(ReplayError, match=TWICE % ("a.bag", "a.mcap", 100)):
+    with pytest.raises(ReplayError, match=TWICE % ("a.bag", "a.mcap", "100 ")):
         Recordings([whole, mcap], ("/a",))
 
 
-def recorded(path, later_ns=0, caller="/sensor", every=1, say=lambda n: number(n)):
+def recorded(path, later_ns=0, caller="/sensor", every=1, say=lambda n: number(n), rate_hz=100):
     """Write what one computer recorded of a topic, each message so much later."""
-    rows = [(START_NS + n * S // 100 + later_ns, "/a", say(n), caller) for n in range(0, 200, every)]
+    rows = [(START_NS + n * round(S / rate_hz) + later_ns, "/a", say(n), caller) for n in range(0, 200, every)]
     return write_bag(path, rows)
 
 
@@ -187,9 +190,8 @@ def recorded(path, later_ns=0, caller="/sensor", every=1, say=lambda n: number(n
 def test_messages_of_one_node_that_two_computers_recorded_are_refused(tmp_path, later_ns):
     whole, late = recorded(tmp_path / "a.bag"), recorded(tmp_path / "b.bag", later_ns)
     part = recorded(tmp_path / "part.bag", later_ns, every=3)
-    words = r"^%s and %s hold the same messages, of /a first: each would count twice; name one of them"
     for other in (late, part):
-        with pytest.raises(ReplayError, match=words % ("a.bag", other.name)):
+        with pytest.raises(ReplayError, match=TWICE % ("a.bag", other.name, "")):
             Recordings([whole, other], ("/a",))
 
 
@@ -202,6 +204,28 @@ def test_messages_of_another_node_or_content_are_not_the_same(tmp_path):
     )
     for one, other in others:
         assert len(seen([one, other], ("/a",))) == 400
+
+
+@pytest.mark.parametrize("rate_hz", [100, 10, 0.25])
+@pytest.mark.parametrize("say", [lambda _: number(7), lambda n: number(n % 2)], ids=["constant", "repeats"])
+def test_content_that_repeats_proves_nothing(tmp_path, say, rate_hz):
+    """A recorder began anew with its clock set back: the times of its files overlap, their messages are others."""
+    before = recorded(tmp_path / "a.bag", say=say, rate_hz=rate_hz)
+    after = recorded(tmp_path / "b.bag", round(100 / rate_hz) * S + 2_000_000, say=say, rate_hz=rate_hz)
+    assert len(seen([before, after], ("/a",))) == 400
+
+
+def test_only_recordings_whose_times_overlap_are_compared(tmp_path, monkeypatch):
+    compared = []
+    inner = Recordings._hold_the_same
+    monkeypatch.setattr(Recordings, "_hold_the_same", lambda *each: compared.append(each) or inner(*each))
+    parts = [counted(tmp_path / f"{first}.bag", first, first + 50) for first in range(0, 500, 50)]
+    other = counted(tmp_path / "other.bag", 0, 500, "/b")
+    assert len(seen([*parts, other], ("/a", "/b"))) == 1000
+    assert compared == []
+    across = recorded(tmp_path / "across.bag", 8 * S)  # to 10 s: beside the second of the parts alone
+    assert len(seen([*parts, across], ("/a",))) == 700
+    assert len(compared) == 1
 
 
 def test_recordings_that_follow_on_one_another_or_share_a_moment_or_another_topic_are_read(tmp_path):

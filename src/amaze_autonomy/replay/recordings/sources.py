@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Collection, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Collection, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -361,25 +361,31 @@ class Recordings:
             if path != other_path and len(topics) > _HANDFUL:
                 raise _shared_error(path, other_path, f"{len(topics)} messages, of {topics[0]}")
         for topic, columns in zip(self.topics, self._parts):
-            for one, other in combinations(np.unique(columns[2]).tolist(), 2):
-                path, other_path = self.bags[one].path, self.bags[other].path
+            for one, other in _overlapping(columns[0], columns[2]):
+                path, other_path = (self.bags[columns[2][places[0]]].path for places in (one, other))
                 if path != other_path and self._hold_the_same(columns, one, other):
                     raise _shared_error(path, other_path, f"messages, of {topic}")
 
-    def _hold_the_same(self, columns: _Columns, one: int, other: int) -> bool:
+    def _hold_the_same(self, columns: _Columns, one: Any, other: Any) -> bool:
         """Return whether most of a handful of a topic's messages in one of two recordings are in the other as well.
 
-        That is where both have it at one time: two computers recorded it, each message at a time of its own.
+        That is where both have it at one time: two computers recorded it, each message at a time of its own. Content
+        that repeats proves nothing: the recorder may have begun anew, with its clock set back.
+
+        Args:
+            columns: of the topic.
+            one: places of the messages of a recording.
+            other: those of another one.
         """
-        t_ns, bags = columns[0], columns[2]
-        places = [np.flatnonzero(bags == number) for number in (one, other)]
-        first_ns, last_ns = max(t_ns[each[0]] for each in places), min(t_ns[each[-1]] for each in places)
-        both = [each[(t_ns[each] >= first_ns) & (t_ns[each] <= last_ns)] for each in places]
-        fewer, others = min(zip(both, reversed(places)), key=lambda pair: len(pair[0]))
+        t_ns, recorded = columns[0], (one, other)
+        first_ns, last_ns = max(t_ns[each[0]] for each in recorded), min(t_ns[each[-1]] for each in recorded)
+        both = [each[(t_ns[each] >= first_ns) & (t_ns[each] <= last_ns)] for each in recorded]
+        (fewer, own), (_, others) = sorted(zip(both, recorded), key=lambda pair: len(pair[0]))
         if len(fewer) <= _HANDFUL:
             return False
         asked = fewer[np.linspace(0, len(fewer) - 1, _HANDFUL).astype(np.int64)].tolist()
-        return sum(self._is_among(columns, place, others) for place in asked) > _HANDFUL // 2
+        found = (place for place in asked if self._is_among(columns, place, others))
+        return sum(self._is_one_of_its_kind(columns, place, own) for place in found) > _HANDFUL // 2
 
     def _is_among(self, columns: _Columns, place: int, others: Any) -> bool:
         """Return whether a message is among those of another recording that came at about its time, the next first."""
@@ -388,6 +394,14 @@ class Recordings:
         caller, raw = self._as_recorded(columns, place)
         told = (self._as_recorded(columns, each) for each in others[order].tolist()) if raw is not None else ()
         return any(data == raw and (by == caller or "" in (by, caller)) for by, data in told)
+
+    def _is_one_of_its_kind(self, columns: _Columns, place: int, own: Any) -> bool:
+        """Return whether no other of its own recording at about its time, or of the next handfuls, is like it."""
+        t_ns, own_ns = columns[0][place], columns[0][own]
+        first, end = (int(np.searchsorted(own_ns, at_ns)) for at_ns in (t_ns - _APART_NS, t_ns + _APART_NS))
+        _, raw = self._as_recorded(columns, place)
+        around = (each for each in own[max(0, first - _HANDFUL) : end + _HANDFUL].tolist() if each != place)
+        return all(self._as_recorded(columns, each)[1] != raw for each in around)
 
     def _as_recorded(self, columns: _Columns, place: int) -> Tuple[str, Optional[bytes]]:
         """Return who sent a message, where that is known, and its bytes; None where it has none, or is damaged."""
@@ -442,9 +456,19 @@ class Recordings:
             self.problems = (*self.problems, problem)
 
 
+def _overlapping(t_ns: Any, bags: Any) -> Iterator[Tuple[Any, Any]]:
+    """Return where the messages of a topic stand of each two bags that both have it at one time."""
+    order = np.argsort(bags, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(bags[order])) + 1) if len(order) else []
+    spans = [(places, *t_ns[places[[0, -1]]].tolist()) for places in parts]
+    for (one, first_ns, last_ns), (other, other_first_ns, other_last_ns) in combinations(spans, 2):
+        if first_ns <= other_last_ns and other_first_ns <= last_ns:
+            yield one, other
+
+
 def _shared_error(path: Path, other_path: Path, what: str) -> ReplayError:
-    right = "name one of them, or join them with `amaze-bag merge --duplicates drop`"
-    same = f"{path.name} and {other_path.name} hold the same {what} first"
+    right = "name one of them, or, where they are the same, join them with `amaze-bag merge --duplicates drop`"
+    same = f"{path.name} and {other_path.name} hold the same {what} first, or a clock was set back"
     return ReplayError(f"{same}: each would count twice; {right}")
 
 
