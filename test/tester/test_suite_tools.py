@@ -286,7 +286,7 @@ def test_pytest_collects_scenarios_with_their_tags_and_margins(folder, run_pytes
     (folder / "gone.scenario.yaml").write_text(
         "version: 1\ndescription: x\nbags: [{path: no.bag}]\nmap: crazyflie_sine\n"
     )
-    done = run_pytest("--junitxml=r.xml", "-rs", "-o", "amaze_skip_inconclusive=true")
+    done = run_pytest("--junitxml=r.xml", "-rs", "-o", "amaze_skip_missing_recordings=true")
     assert "1 passed, 1 skipped" in done.stdout, done.stdout
     assert "INCONCLUSIVE: " in done.stdout
     case = next(each for each in ET.parse("r.xml").getroot().iter("testcase") if each.get("name") == "lrf")
@@ -303,6 +303,25 @@ def test_pytest_is_not_green_where_a_recording_is_missing(folder, run_pytest):
     assert done.returncode == 1
     assert "1 failed" in done.stdout, done.stdout
     assert re.search(r"^INCONCLUSIVE lrf: \S+no\.bag: is not there", done.stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    "bag, more, words",
+    [
+        (f"{{path: x.bag, sha256: {64 * '0'}}}", "", r"x\.bag: is another file than the scenario was written for"),
+        ("{path: text.bag}", "", r"text\.bag: is no recording"),
+        ("{path: x.bag}", "needs: [{topic: /other}]", "/other: is needed, and the map does not read it"),
+    ],
+    ids=["another file", "no recording", "lacks what is needed"],
+)
+def test_pytest_skips_no_recording_that_is_there(folder, run_pytest, bag, more, words):
+    write_bag(folder / "x.bag", flight_rows())
+    (folder / "text.bag").write_text("no recording")
+    (folder / "lrf.scenario.yaml").write_text(f"version: 1\ndescription: x\nbags: [{bag}]\nmap: {MAP}\n{more}\n")
+    done = run_pytest("-o", "amaze_skip_missing_recordings=true")
+    assert done.returncode == 1
+    assert "1 failed" in done.stdout, done.stdout
+    assert re.search(rf"^INCONCLUSIVE lrf: .*{words}", done.stdout, re.MULTILINE), done.stdout
 
 
 def test_pytest_shows_the_difference_and_a_mistake_with_its_line(folder, run_pytest):

@@ -2,14 +2,14 @@
 
 `-k`, `-x`, `--lf`, `-n` and `--junitxml` work as with any other test; tags are words for `-k`, and requirements,
 margins and the digest of the decisions are properties in the JUnit file. Every verdict but PASS fails; with
-`amaze_skip_inconclusive = true` in pytest's configuration INCONCLUSIVE is a skip that says why. Goldens are accepted by
-`amaze-replay accept`, never here.
+`amaze_skip_missing_recordings = true` in pytest's configuration a scenario is a skip, with the reason, where a file of
+its recordings is not there. Goldens are accepted by `amaze-replay accept`, never here.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Iterator, Optional, Tuple
+from typing import TYPE_CHECKING, Any, Iterator, Optional, Sequence, Tuple
 
 import pytest
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from . import Result, Task
 
 _SUFFIX = ".scenario.yaml"
-_SKIP = "amaze_skip_inconclusive"
+_SKIP = "amaze_skip_missing_recordings"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the key of pytest's configuration."""
-    parser.addini(_SKIP, "skip scenarios whose recordings are missing, damaged or too short", "bool", default=False)
+    parser.addini(_SKIP, "skip scenarios whose recordings are not there", "bool", default=False)
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> Optional[pytest.Collector]:
@@ -56,7 +56,8 @@ class ScenarioFile(pytest.File):  # type: ignore[misc]  # pytest is not there fo
         except ConfigError as error:
             raise self.CollectError(str(error)) from error
         for case in cases:
-            yield ScenarioItem.from_parent(self, name=case.id, task=Task(str(self.path), case.variant), tags=case.tags)
+            task, bags = Task(str(self.path), case.variant), [bag.path for bag in case.bags]
+            yield ScenarioItem.from_parent(self, name=case.id, task=task, bags=bags, tags=case.tags)
 
 
 class ScenarioItem(pytest.Item):  # type: ignore[misc]
@@ -64,12 +65,13 @@ class ScenarioItem(pytest.Item):  # type: ignore[misc]
 
     Args:
         task: of it.
+        bags: its recordings.
         tags: words for `-k`.
     """
 
-    def __init__(self, *, task: Task, tags: Tuple[str, ...] = (), **more: Any) -> None:
+    def __init__(self, *, task: Task, bags: Sequence[Path] = (), tags: Tuple[str, ...] = (), **more: Any) -> None:
         super().__init__(**more)
-        self.task = task
+        self.task, self.bags = task, bags
         self.extra_keyword_matches.update(tags)
 
     def runtest(self) -> None:
@@ -88,7 +90,8 @@ class ScenarioItem(pytest.Item):  # type: ignore[misc]
             if finding.margin_text
         ]
         self.user_properties += [("verdict", result.verdict.value), ("digest", result.digest)]
-        if result.verdict is Verdict.INCONCLUSIVE and self.config.getini(_SKIP):
+        missing = not all(path.exists() for path in self.bags)
+        if missing and result.verdict is Verdict.INCONCLUSIVE and self.config.getini(_SKIP):
             pytest.skip(f"INCONCLUSIVE: {result.headline}")
         if result.verdict is not Verdict.PASS:
             raise ScenarioFailedError(result)
