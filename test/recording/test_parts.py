@@ -504,7 +504,7 @@ GAP = {"group": "a", "file": 2, "seconds": 1.0, "ending": "it ended"}
 LISTS = {
     "all": {
         "files": [ENTRY, {"file": "a-02.bag", "unreadable": True}], "logs": ["a.log"], "dropped": 3,
-        "gaps": [GAP, {**GAP, "seconds": None, "from_ns": 1, "to_ns": 2, "missing": 3}], "missing": {"/c": 1},
+        "gaps": [GAP, {**GAP, "seconds": None, "from_ns": 1, "to_ns": None, "missing": 3}], "missing": {"/c": 1},
         "recorded": {"a": [1, None]}, "open_ends": {"a": 1}, "topics": {"a": ["/c"]}, "gone": ["a-03.bag"],
     },
     **{
@@ -516,11 +516,29 @@ LISTS = {
             {"files": [{**ENTRY, "sha256": "1f"}]}, {"gaps": 3}, {"gaps": [{**GAP, "ending": None}]},
             {"gaps": [{"group": "a", "file": 2, "ending": "it ended"}]}, {"gaps": [{**GAP, "seconds": math.nan}]},
             {"gaps": [{**GAP, "seconds": -math.inf}]},
-            {"dropped": "3"}, {"missing": {"/c": -1}}, {"recorded": {"a": None}}, {"recorded": {"a": [1]}},
+            {"dropped": "3"}, {"missing": {"/c": -1}}, {"recorded": {"a": [1]}},
             {"open_ends": []}, {"topics": {"a": "/c"}}, {"gone": "a-03.bag"}, {"set_back": [1]},
         )
     },
 }  # fmt: skip
+
+
+NULLS = {
+    "files": dict.fromkeys(("recovered_from", "undo", "undo_damaged", "changed", "listed_as", "problem", "messages")),
+    "gaps": {"missing": None},
+    **{key: {"b": None} for key in ("recorded", "open_ends", "missing", "topics")},
+}
+
+
+@pytest.mark.parametrize("key", NULLS)
+def test_what_is_null_in_a_list_is_not_known_as_what_is_not_there(tmp_path, key):
+    """So an own recorder writes it whose language writes all fields."""
+    (tmp_path / "a-01.bag").write_bytes(b"")
+    content = {**LISTS["all"], "seen": {"a": {**SEEN, "file": None}}}
+    known = content[key]
+    nulls = {**known, **NULLS[key]} if isinstance(known, dict) else [{**NULLS[key], **each} for each in known]
+    (tmp_path / PARTS).write_text(json.dumps({**content, key: nulls, "dropped": None}))
+    assert check_arrived(tmp_path) == {key: value for key, value in content.items() if key != "dropped"}
 
 
 @pytest.mark.parametrize("name", LISTS)

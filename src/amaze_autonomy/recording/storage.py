@@ -160,6 +160,7 @@ _GAP = _object(
     {"group": _is_text, "file": _is_count, "seconds": _or_null(_is_length), "ending": _is_text},
     {"from_ns": _or_null(_is_count), "to_ns": _or_null(_is_count), "missing": _is_count},
 )
+_SAYS_NULL = ("lost", "lost_inside", "seconds", "from_ns", "to_ns")
 _ENDS = 2  # from when to when
 _SPAN = _several(_or_null(_is_count))
 _SHAPES: Mapping[str, Shape] = {
@@ -179,7 +180,7 @@ def read_parts(folder: Path) -> Optional[Dict[str, Any]]:
     content = read_json(folder / PARTS)
     if content is None:
         return None
-    known = {key: value for key, value in content.items() if value is not None}
+    known = {key: _known(value) if key in _SHAPES else value for key, value in content.items() if value is not None}
     wrong = [key for key, shape in _SHAPES.items() if key in known and not shape(known[key])]
     if wrong or "files" not in known:
         _log.warning("%s: %s: that cannot be", folder / PARTS, ", ".join(wrong or ["files"]))
@@ -188,6 +189,15 @@ def read_parts(folder: Path) -> Optional[Dict[str, Any]]:
     if set_back:  # an earlier version wrote it
         known.update(gaps=gaps, set_back=list(dict.fromkeys((*known.get("set_back", ()), *set_back))))
     return {**known, "files": [{**each, **_small(each)} for each in known["files"]]}
+
+
+def _known(value: Any) -> Any:
+    """Return what a key of a list holds without what is null in its objects, but where null says something."""
+    if isinstance(value, list):
+        return [_known(each) for each in value]
+    if isinstance(value, dict):
+        return {key: _known(each) for key, each in value.items() if each is not None or key in _SAYS_NULL}
+    return value
 
 
 def told_gaps(gaps: Sequence[Mapping[str, Any]]) -> Tuple[List[Dict[str, Any]], List[str]]:
